@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -98,6 +98,24 @@ class Motion:
     @property
     def seconds(self) -> float:
         return len(self) / self.fps
+
+
+class Completer(Protocol):
+    """Anything that makes the untrusted entries of a motion right: a classical fill, a network, a chooser."""
+
+    def complete(self, motion: Motion) -> Motion:
+        """The motion with its unobserved entries filled.
+
+        Observed samples come back bit for bit. `observed` of the result is True wherever the numbers may
+        be used now; what could not be filled stays False.
+        """
+        ...
+
+
+def runs(mask: Array) -> list[tuple[int, int]]:
+    """The maximal stretches `[start, stop)` in which a `(frames,)` bool mask is True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
 @dataclass(frozen=True, eq=False)
