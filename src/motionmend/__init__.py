@@ -14,13 +14,18 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .comparison import compare as compare
+    from .damage import plant as plant
+    from .diagnosis import diagnose as diagnose
     from .errors import InputError as InputError
+    from .fitting import fit as fit
     from .io import load as load
     from .io import save as save
     from .motion import Motion as Motion
     from .motion import Rig as Rig
     from .motion import Skeleton as Skeleton
     from .motion import Take as Take
+    from .repairs import repair as repair
 
 # Loaded when first asked for, so that `import motionmend` costs nothing.
 _HOME = {
@@ -31,6 +36,11 @@ _HOME = {
     "Rig": "motion",
     "Skeleton": "motion",
     "Take": "motion",
+    "compare": "comparison",
+    "diagnose": "diagnosis",
+    "fit": "fitting",
+    "plant": "damage",
+    "repair": "repairs",
 }
 __all__ = ["__version__", *_HOME]
 

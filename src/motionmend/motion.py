@@ -62,7 +62,8 @@ class Skeleton:
         try:
             return self.names.index(name)
         except ValueError:
-            raise InputError(f"no joint or marker is named {name!r}", hint=nearest_names(name, self.names)) from None
+            hint = nearest_names(name, self.names)
+            raise InputError(f"no joint or marker is named {name!r}", hint=hint) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,7 @@ class Take:
     document : the file as read; only the format that made it looks inside.
     format : "bvh", "c3d", …; source : the path, for messages.
     notes : what reading had to decide or found odd, one sentence each, for `inspect` and the report.
+    report : what a repair did, on the take it returns.
     """
 
     motion: Motion
@@ -197,6 +199,7 @@ class Take:
     format: str
     source: str
     notes: tuple[str, ...] = ()
+    report: Any = None
 
     @property
     def skeleton(self) -> Skeleton:

@@ -126,13 +126,32 @@ def forward_kinematics(rotations: Array, translations: Array, parents: Sequence[
     -------
     positions `(frames, joints, 3)` and world rotations `(frames, joints, 4)`.
     """
-    positions = np.empty_like(translations)
-    world = np.empty_like(rotations)
-    for joint, parent in enumerate(parents):
-        if parent < 0:
-            positions[:, joint], world[:, joint] = translations[:, joint], rotations[:, joint]
-        else:
-            turned = apply(world[:, parent], translations[:, joint])
-            positions[:, joint] = positions[:, parent] + turned
-            world[:, joint] = multiply(world[:, parent], rotations[:, joint])
+    positions, world = np.empty_like(translations), np.empty_like(rotations)
+    if not len(parents):
+        return positions, world
+    depths: list[int] = []
+    for parent in parents:
+        depths.append(0 if parent < 0 else depths[parent] + 1)
+    levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])
+    ups = np.asarray(parents)
+    # A block of frames at a time, which stays in the processor's cache; all joints of one depth together, and
+    # each component in a stretch of its own: several times faster than joint by joint on vectors.
+    for start in range(0, len(rotations), 256):
+        block = slice(start, start + 256)
+        turns, shifts = (np.moveaxis(a[block], 0, -1).copy(order="C") for a in (rotations, translations))
+        for level in levels[1:]:
+            above, turn, shift = turns[ups[level]], turns[level], shifts[level]
+            ax, ay, az, aw = above[:, 0], above[:, 1], above[:, 2], above[:, 3]
+            x, y, z, w = turn[:, 0], turn[:, 1], turn[:, 2], turn[:, 3]
+            turns[level, 0] = aw * x + ax * w + ay * z - az * y
+            turns[level, 1] = aw * y - ax * z + ay * w + az * x
+            turns[level, 2] = aw * z + ax * y - ay * x + az * w
+            turns[level, 3] = aw * w - ax * x - ay * y - az * z
+            x, y, z = shift[:, 0], shift[:, 1], shift[:, 2]
+            tx, ty, tz = 2 * (ay * z - az * y), 2 * (az * x - ax * z), 2 * (ax * y - ay * x)
+            shift[:, 0] = x + aw * tx + (ay * tz - az * ty)
+            shift[:, 1] = y + aw * ty + (az * tx - ax * tz)
+            shift[:, 2] = z + aw * tz + (ax * ty - ay * tx)
+            shifts[level] = shifts[ups[level]] + shift
+        world[block], positions[block] = np.moveaxis(turns, -1, 0), np.moveaxis(shifts, -1, 0)
     return positions, world

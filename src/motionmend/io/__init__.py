@@ -43,7 +43,7 @@ FORMATS = {
         Format("c3d", (".c3d",), True, True, lambda head: head[1:2] == b"\x50" and head[:1] != b"P"),
         Format("trc", (".trc",), True, True, _starts_with_word(b"PATHFILETYPE")),
         Format("npz", (".npz",), True, True, lambda head: head[:4] in (b"PK\x03\x04", b"PK\x05\x06")),
-        Format("csv", (".csv", ".tsv", ".txt"), True, True, lambda head: False),
+        Format("csv", (".csv", ".tsv", ".txt"), True, True, lambda _: False),
         Format("glb", (".glb",), False, True, lambda head: head[:4] == b"glTF"),
     )
 }
@@ -80,7 +80,8 @@ def load(
         raise InputError("the file is empty", where=path)
     other = next((other for other in FORMATS.values() if other.looks_like(head)), None)
     if other and other != format:
-        raise InputError(f"this is {other.name.upper()} inside", where=path, hint=f"rename it to {other.suffixes[0]}")
+        hint = f"rename it to {other.suffixes[0]}"
+        raise InputError(f"this is {other.name.upper()} inside", where=path, hint=hint)
     if not format.reads:
         raise InputError(f"{format.name.upper()} can be written but not read", where=path)
     return importlib.import_module(f".{format.name}", __name__).read(path, hints)
@@ -95,9 +96,11 @@ def save(take: Take, path: str | os.PathLike, *, force: bool = False) -> Path:
     path = Path(path)
     format = format_of(path)
     if not format.writes:
-        raise InputError(f"{format.name.upper()} can be read but not written", where=path, hint="write .bvh instead")
+        name = format.name.upper()
+        raise InputError(f"{name} can be read but not written", where=path, hint="write .bvh instead")
     if path.exists() and not force:
-        raise InputError("the file exists", where=path, hint="choose another name, or overwrite it with --force")
+        hint = "choose another name, or overwrite it with --force"
+        raise InputError("the file exists", where=path, hint=hint)
     if not path.parent.is_dir():
         raise InputError("no such folder", where=path.parent)
     _check_rig_drives(take)
@@ -107,7 +110,7 @@ def save(take: Take, path: str | os.PathLike, *, force: bool = False) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name in the folder of `path`, then rename: all of the file or none of it."""
+    """Call `write` with a temporary name beside `path`, then rename: all of the file appears or none."""
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)

@@ -1,0 +1,134 @@
+"""Which fill for which gap: the winners on validation takes, in a table.
+
+`python benchmarks/fills.py --data DIR` measures every method on every kind of gap and prints the table below. A
+new method is measured there and joins by its name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .errors import InputError, nearest_names
+from .fills import FILLS, DonorFill, Fill
+from .gaps import Gaps
+from .motion import Motion, Rig
+
+Array = np.ndarray
+
+KINDS = {
+    "body": "the whole rig is missing",
+    "limb": "a limb of the rig is missing",
+    "limb's end": "the lower part of a limb is missing",
+    "all points": "every point is missing",
+    "joints": "joints of a skeleton are missing",
+    "markers": "markers of a cloud are missing",
+}
+
+LIMB_SHARE = 2 / 3  # of a limb's length: when less is missing, it is the limb's end
+
+# kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
+WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
+    "body": {0: ((np.inf, "hermite"),)},
+    "limb": {0: ((np.inf, "hermite"),)},
+    "limb's end": {0: ((0.6, "hermite"), (np.inf, "rigid"))},
+    "all points": {0: ((np.inf, "hermite"),)},
+    "joints": {0: ((np.inf, "hermite"),), 1: ((0.6, "hermite"), (np.inf, "pattern"))},
+    "markers": {0: ((np.inf, "hermite"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
+}
+
+
+def choose(kind: str, seconds: float, donors: int = 0) -> tuple[str, str]:
+    """The method for a gap, and why.
+
+    kind : one of KINDS. seconds : the gap's length. donors : joints that qualify as donors, three or more only
+    if they keep their distances.
+    """
+    if kind not in WINNERS:
+        raise InputError(f"unknown kind of gap {kind!r}", hint=nearest_names(kind, WINNERS))
+    at_hand = max(count for count in WINNERS[kind] if count <= donors)
+    method = next(method for below, method in WINNERS[kind][at_hand] if seconds < below)
+    helped = f", {at_hand} or more donors" if at_hand else ""
+    return method, f"{KINDS[kind]}{helped}, {seconds:.2f} s: {method} won on validation"
+
+
+@dataclass(frozen=True)
+class Auto(Fill):
+    """A Completer that takes the winner for each gap's kind, length and donors; `Gaps.method` records which.
+
+    donors : names of joints or markers to choose donors from; all if empty.
+    """
+
+    donors: tuple[str, ...] = ()
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        """Fall from the method for three donors to that for one and to that for none, as each gap's chart allows."""
+        kinds = point_kinds(motion, gaps)
+        chains = [
+            tuple(choose(kind, length / motion.fps, donors)[0] for donors in (3, 1, 0))
+            for kind, length in zip(kinds, gaps.length)
+        ]
+        method, donors = gaps.method.copy(), {}
+        for chain in sorted(set(chains)):
+            rows = np.flatnonzero([other == chain for other in chains])
+            done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
+            method[rows] = done.method
+            donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
+        return replace(gaps, method=method, donors=donors)
+
+    def _chained(self, chain: tuple[str, ...]) -> Fill:
+        fill = FILLS[chain[-1]]
+        for name in reversed(list(dict.fromkeys(chain))):
+            one = FILLS[name]
+            if isinstance(one, DonorFill):
+                fill = replace(one, donors=self.donors, otherwise=fill)
+        return fill
+
+
+def point_kinds(motion: Motion, gaps: Gaps) -> list[str]:
+    """Each gap's kind, for a motion of points."""
+    some = "joints" if motion.skeleton.has_bones else "markers"
+    seen = np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
+    alone = seen[gaps.stop] == seen[gaps.start]
+    return ["all points" if one else some for one in alone]
+
+
+def rig_methods(rig: Rig, gaps: Gaps, fps: float) -> Array:
+    """The winners `(gaps,)` for a rig; `rigfills.fill_rig` takes this function as its method."""
+    kinds = zip(rig_kinds(rig, gaps), gaps.length)
+    return np.array([choose(kind, length / fps)[0] for kind, length in kinds], "U12")
+
+
+def rig_kinds(rig: Rig, gaps: Gaps) -> list[str]:
+    """Each gap's kind, for a rig: by how much is missing above the joint, halfway through the gap."""
+    parents, missing, shares = rig.skeleton.parents, ~rig.trusted, _limb_shares(rig)
+    kinds = []
+    for joint, start, stop in zip(gaps.joint.tolist(), gaps.start, gaps.stop):
+        lost = missing[(start + stop) // 2]
+        while parents[joint] >= 0 and lost[parents[joint]]:
+            joint = parents[joint]
+        whole = "body" if parents[joint] < 0 else "limb"
+        kinds.append(whole if shares[joint] > LIMB_SHARE else "limb's end")
+    return kinds
+
+
+def _limb_shares(rig: Rig) -> list[float]:
+    """For each joint, which share of its limb hangs on it, from the branch above to the farthest tip."""
+    parents, children = rig.skeleton.parents, rig.skeleton.children
+    bones = np.linalg.norm(rig.offsets, axis=-1)
+    below = np.zeros(len(parents))
+    for joint, offset in rig.ends:
+        below[joint] = max(below[joint], np.linalg.norm(offset))
+    for joint in reversed(range(len(parents))):
+        if parents[joint] >= 0:
+            below[parents[joint]] = max(below[parents[joint]], below[joint] + bones[joint])
+    above = np.zeros(len(parents))
+    for joint, parent in enumerate(parents):
+        if parent < 0 or parents[parent] < 0:
+            continue
+        limbs = sorted((below[child] + bones[child] for child in children[parent]), reverse=True)
+        # Two long ones part at the chest and begin limbs; short ones part at a hand and still belong to the arm.
+        if len(limbs) < 2 or limbs[1] <= above[parent]:
+            above[joint] = above[parent] + bones[joint]
+    return [float(b / (a + b)) if a + b > 0 else 1.0 for a, b in zip(above, below)]

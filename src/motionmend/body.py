@@ -1,0 +1,269 @@
+"""BODY, the 21 joints that every network speaks, and how any rig maps to it.
+
+`map_rig` finds a rig's joints by their names (`body_names`) and its tree, or by its shape alone
+(`body_shape`). Everything works in any units and axes, because the readers ask for `stature` and `upward`
+before they know either.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+import warnings
+from collections.abc import Mapping as MappingABC
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from . import body_names, body_shape
+from .errors import InputError, nearest_names
+from .motion import Motion, Skeleton
+from .rotations import normalised
+
+Array = np.ndarray
+
+_PART_PARENTS = {"shoulder": "chest", "upper_arm": "shoulder", "forearm": "upper_arm", "hand": "forearm",
+                 "thigh": "hips", "shin": "thigh", "foot": "shin", "toe": "foot"}  # fmt: skip
+
+_PARTS = tuple(_PART_PARENTS)
+
+
+def _body() -> Skeleton:
+    parents = {"hips": "", "spine": "hips", "chest": "spine", "neck": "chest", "head": "neck"}
+    for side in body_names.SIDES:
+        for part, parent in _PART_PARENTS.items():
+            parents[f"{side}_{part}"] = parent if parent in ("hips", "chest") else f"{side}_{parent}"
+    names = tuple(parents)
+    return Skeleton(names, tuple(names.index(parent) if parent else -1 for parent in parents.values()))
+
+
+BODY = _body()
+JOINT = {name: index for index, name in enumerate(BODY.names)}
+LEFT_RIGHT = tuple((JOINT[f"left_{part}"], JOINT[f"right_{part}"]) for part in _PART_PARENTS)
+LIMBS = {
+    f"{side}_{limb}": tuple(JOINT[f"{side}_{part}"] for part in parts)
+    for side in body_names.SIDES
+    for limb, parts in (("arm", ("upper_arm", "forearm", "hand")), ("leg", ("thigh", "shin", "foot", "toe")))
+}
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Which of a rig's joints is which of BODY's.
+
+    joints : for each of BODY's 21 joints the index of the rig's, or -1 where it has none.
+    rig : the convention recognised ("Mixamo"), "by names", "by topology", or "" where nothing was found.
+    unmapped : the names of the rig's joints that no joint of BODY stands for.
+    is_person : enough of a human body was found to treat the take as one.
+    """
+
+    joints: tuple[int, ...]
+    rig: str
+    unmapped: tuple[str, ...]
+    is_person: bool
+
+    @cached_property
+    def found(self) -> dict[str, int]:
+        """BODY's joints that the rig has: name → the rig's index."""
+        return {name: joint for name, joint in zip(BODY.names, self.joints) if joint >= 0}
+
+
+def map_rig(
+    skeleton: Skeleton, positions: Array | None = None, overrides: MappingABC[str, str] | None = None
+) -> Mapping:
+    """Find BODY's joints in a rig, a set of keypoints or of joint centres.
+
+    Parameters
+    ----------
+    positions : `(frames, joints, 3)`, any units and axes (right-handed), NaN where missing. They tell a
+        person from a quadruped, coincident joints apart, and find bodies whose names mean nothing.
+    overrides : BODY's name → the rig's name, as `read_map` gives; "" says that the rig has no such joint.
+
+    Raises
+    ------
+    InputError : for an override that names no joint of BODY or of the rig.
+    """
+    sample = None if positions is None else _sampled(positions)
+    parsed = body_names.parsed(skeleton.names)
+    found = body_names.limbs(parsed)
+    found |= body_shape.trunk(skeleton, parsed, found, sample)
+    rig = body_names.convention(skeleton.names) or "by names"
+    if not _is_body(found):
+        found, rig = (sample is not None and body_shape.search(skeleton, sample)) or (found, "")
+    person = _is_body(found) and not body_shape.is_quadruped(skeleton.names, found, sample)
+    for name, joint_name in (overrides or {}).items():
+        if name not in JOINT:
+            raise InputError(f"BODY has no joint {name!r}", hint=nearest_names(name, BODY.names))
+        found.pop(name, None)
+        if joint_name:
+            found[name] = skeleton.index(joint_name)
+    if overrides:
+        person = _is_body(found)
+    used = set(found.values())
+    unmapped = tuple(name for joint, name in enumerate(skeleton.names) if joint not in used)
+    return Mapping(tuple(found.get(name, -1) for name in BODY.names), rig, unmapped, person)
+
+
+def _is_body(found: MappingABC[str, int]) -> bool:
+    """Whether both legs or both arms are there with their two bones, or all four limbs in part."""
+
+    def both(*parts: str) -> bool:
+        return all(f"{side}_{part}" in found for side in body_names.SIDES for part in parts)
+
+    return both("thigh", "shin", "foot") or both("upper_arm", "forearm", "hand") or both("forearm", "shin")
+
+
+def read_map(path: str | os.PathLike) -> dict[str, str]:
+    """The overrides in a TOML file: one line a joint, such as `left_forearm = "LeftElbow"`.
+
+    Raises
+    ------
+    InputError : if it is not TOML, names no joint of BODY, or gives something else than a name.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text("utf-8-sig"))
+    except OSError as error:
+        raise InputError(error.strerror or "cannot be read", where=path) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"not TOML: {error}", where=path, hint='write lines such as hips = "Pelvis"') from None
+    for name, joint in table.items():
+        if name not in JOINT:
+            raise InputError(f"BODY has no joint {name!r}", where=path, hint=nearest_names(name, BODY.names))
+        if not isinstance(joint, str):
+            raise InputError(f"{name} = {joint!r}", where=path, expected="the name of a joint, in quotes")
+    return table
+
+
+def to_body(motion: Motion, mapping: Mapping) -> Motion:
+    """The motion of BODY's 21 joints; those that the rig lacks are NaN and unobserved."""
+    joints = np.array(mapping.joints)
+    absent = joints < 0
+    positions = motion.positions[:, joints]
+    positions[:, absent] = np.nan
+    return Motion(positions, motion.observed[:, joints] & ~absent, motion.fps, BODY)
+
+
+# Shares of the stature between two points: Drillis & Contini 1966, in Winter, Biomechanics and Motor Control of
+# Human Movement, 2009, figure 4.1; those of trunk, neck and pelvis are for the joints and markers that rigs have.
+_LEGS_AND_TRUNK = (
+    ("thigh", "shin", 0.24),
+    ("shin", "foot", 0.24),
+    ("middle thigh", "neck", 0.28),
+    ("neck", "head", 0.075),
+    ("knee marker", "ankle marker", 0.246),
+    ("pelvis markers", "knee marker", 0.28),
+    ("pelvis markers", "neck marker", 0.30),
+    ("neck marker", "head markers", 0.09),
+)
+_ARMS = (("upper_arm", "forearm", 0.186), ("forearm", "hand", 0.146))
+
+
+def stature(skeleton: Skeleton, positions: Array) -> float | None:
+    """The standing height of the person in the units of `positions (frames, points, 3)`, whatever the pose.
+
+    The medians over frames of the lengths of shins, thighs, trunk and neck (of the arms, where none of
+    these is there) divided by their usual share of the height. Joints, joint centres, keypoints or markers
+    of the Plug-in Gait and similar sets; None if no person is found among them.
+    """
+    points = _landmarks(skeleton, positions)
+    for segments in (_LEGS_AND_TRUNK, _ARMS):
+        lengths, shares = 0.0, 0.0
+        for start, end, share in segments:
+            sides = [_distance(points, start, end, side) for side in body_names.SIDES]
+            if np.isfinite(sides).any():
+                lengths, shares = lengths + float(np.nanmean(sides)), shares + share
+        if lengths > 0:
+            return lengths / shares
+    return None
+
+
+def upward(skeleton: Skeleton, positions: Array) -> Array | None:
+    """The mean direction `(3,)` from feet and hips to the head in the axes of `positions`; None if not known.
+
+    Frames in which the person stands tall count most, so a take with a fall or a handstand does not mislead.
+    """
+    points = _landmarks(skeleton, positions)
+    top = _first(points, "head", "head markers", "neck", "neck marker", "chest", "middle upper_arm")
+    middle = _first(points, "hips", "pelvis markers", "middle thigh")
+    bottom = _first(points, "middle foot", "middle ankle marker", "middle shin", "middle knee marker")
+    ends = [each for each in (top, middle, bottom) if each is not None]
+    if len(ends) < 2:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames or takes in which a point is always missing
+        total = np.nanmean(ends[0] - ends[-1], axis=0)
+        if len(ends) == 3:
+            total = np.nansum([total, np.nanmean(ends[0] - ends[1], axis=0)], axis=0)
+    return normalised(total) if np.isfinite(total).all() and np.any(total) else None
+
+
+def floor_height(motion: Motion) -> float:
+    """The height in metres on which the lowest observed joint usually stands; 0 if nothing was observed.
+
+    The 5th percentile over frames, so that neither a single bad sample nor a jump moves it.
+    """
+    heights = np.where(motion.observed, motion.positions[..., 1], np.inf).min(axis=1, initial=np.inf)
+    heights = heights[np.isfinite(heights)]
+    return float(np.percentile(heights, 5)) if len(heights) else 0.0
+
+
+def facing(body: Motion) -> Array:
+    """Where a motion of BODY faces: `(frames, 3)` unit vectors in the floor plane, NaN where it cannot be told.
+
+    The mean direction from right to left across hips and shoulders, turned by a quarter about the vertical
+    (Holden et al. 2016, section 3). Not smoothed.
+    """
+    left, right = np.array([LEFT_RIGHT[_PARTS.index(part)] for part in ("thigh", "upper_arm")]).T
+    across = body.positions[:, left] - body.positions[:, right]
+    seen = (body.observed[:, left] & body.observed[:, right])[..., None]
+    leftward = np.where(seen, across, 0).sum(axis=1)
+    forward = np.stack([-leftward[:, 2], np.zeros(len(body), np.float32), leftward[:, 0]], axis=1)
+    unit = normalised(forward)
+    unit[~np.any(forward, axis=1)] = np.nan
+    return unit
+
+
+def _landmarks(skeleton: Skeleton, positions: Array) -> dict[str, Array]:
+    """Named points of a person, each `(frames, 3)`, of a sample of the frames: BODY's joints, markers, middles."""
+    sample = _sampled(positions)
+    mapping = map_rig(skeleton, positions)
+    points = {}
+    if mapping.is_person:
+        points = {name: sample[:, joint] for name, joint in mapping.found.items()}
+    else:
+        for name, markers in body_names.markers(skeleton.names).items():
+            points[name] = _mean(sample[:, markers])
+    for part in (*_PARTS, *body_names.SIDED_MARKERS):
+        pair = [points[f"{side}_{part}"] for side in body_names.SIDES if f"{side}_{part}" in points]
+        if len(pair) == 2:
+            points[f"middle {part}"] = (pair[0] + pair[1]) / 2
+    return points
+
+
+def _mean(points: Array) -> Array:
+    """The mean over axis 1 of those that are there; NaN where none is."""
+    there = np.isfinite(points).all(axis=-1, keepdims=True)
+    count = there.sum(axis=1)
+    return np.where(there, points, 0).sum(axis=1) / np.where(count, count, np.nan)
+
+
+def _distance(points: dict[str, Array], start: str, end: str, side: str) -> float:
+    """The median distance between two landmarks, those of one side where they have sides; NaN if unknown."""
+    first, second = (points.get(name, points.get(f"{side}_{name}")) for name in (start, end))
+    if first is None or second is None:
+        return np.nan
+    distances = np.linalg.norm(first - second, axis=-1)
+    distances = distances[np.isfinite(distances)]
+    return float(np.median(distances)) if len(distances) else np.nan
+
+
+def _first(points: dict[str, Array], *names: str) -> Array | None:
+    return next((points[name] for name in names if name in points), None)
+
+
+def _sampled(positions: Array, count: int = 100) -> Array:
+    """About `count` frames spread over the take, float64."""
+    return np.asarray(positions[:: max(1, len(positions) // count)], float)

@@ -1,0 +1,305 @@
+"""The command line: one dataclass a command, whose fields are its options."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+
+from . import __version__
+from .errors import InputError
+
+Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What you know of a file better than it does itself; all of it is otherwise found or guessed."""
+
+    unit: str | None = None
+    """Unit of length: m, cm, mm, in, ft, dm, or asf (CMU's)."""
+    up: str | None = None
+    """Upward axis: y, z, x, -y, …"""
+    fps: float | None = None
+    """Frames per second."""
+    asf: Path | None = None
+    """Skeleton of an AMC take, where it is not the .asf beside it."""
+
+    def load(self, path: Path):
+        from .io import load
+
+        return load(path, unit=self.unit, up=self.up, fps=self.fps, asf=self.asf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspect(Reading):
+    """Say what is in a take, which rig it is, and what is untrusted and why. Changes nothing."""
+
+    files: Positional[tuple[Path, ...]]
+    """Takes: BVH, AMC (with its ASF), C3D, TRC, CSV, NPZ."""
+    map: Path | None = None
+    """A TOML file that says which joint is which: `left_forearm = "LeftElbow"`."""
+    json: bool = False
+    """Print JSON for machines."""
+
+    def run(self) -> int:
+        from .inspection import inspect
+
+        def one(path: Path) -> None:
+            print(inspect(self.load(path), self.map, as_json=self.json))
+
+        return each(self.files, one)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair(Reading):
+    """Find what is damaged in takes and repair it, or repair what you name; touch nothing else.
+
+    With --gap or --lost only what they name is repaired, unless --find is given too.
+    """
+
+    files: Positional[tuple[Path, ...]]
+    """Damaged takes."""
+    output: Output
+    """The repaired file; for several takes, a folder."""
+    gap: UseAppendAction[tuple[str, ...]] = ()
+    """Frames in which all joints are untrusted: 120:180, 0.5s:0.8s, :60. Repeatable."""
+    lost: UseAppendAction[tuple[str, ...]] = ()
+    """Joints or markers, named as in the file, and frames: LeftForeArm,LeftHand:300:360. Repeatable."""
+    find: bool = False
+    """Repair what diagnosis finds, besides what --gap and --lost name."""
+    method: Literal["auto", "linear", "hermite", "cubic", "pattern", "rigid"] = "auto"
+    """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
+    donors: tuple[str, ...] = ()
+    """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""
+    max_gap: str | None = None
+    """Fill gaps up to this long (60 or 0.5s); leave longer ones, marked as missing where the format can."""
+    keep_longer: bool = False
+    """With --max-gap: leave longer gaps exactly as the file has them, unmarked."""
+    denoise: Literal["savgol", "butterworth"] | None = None
+    """Also smooth the whole take. This changes every sample."""
+    cutoff: float = 6.0
+    """Low-pass frequency of --denoise butterworth, Hz."""
+    plant_feet: bool = False
+    """Hold feet still where they stand inside repaired frames."""
+    map: Path | None = None
+    """A TOML file that says which joint is which."""
+    report: Path | None = None
+    """Where the JSON report goes; otherwise beside the output, as NAME.report.json."""
+    picture: Path | None = None
+    """Also draw the repair, as PNG."""
+    json: bool = False
+    """Print the report as JSON."""
+    force: bool = False
+    """Overwrite files that exist."""
+
+    def run(self) -> int:
+        from .io import FORMATS, format_of, save, write_whole
+        from .progress import following
+        from .repairs import repair
+
+        many = len(self.files) > 1
+        folder = many or self.output.is_dir() or not self.output.suffix
+        if many and (self.report or self.picture):
+            raise InputError("--report and --picture name one file", hint="for several takes leave them out")
+        if folder:
+            if self.output.is_file():
+                raise InputError("several takes need a folder", where=self.output)
+            self.output.mkdir(parents=True, exist_ok=True)
+
+        def one(path: Path) -> None:
+            target = self.output / path.name if folder else self.output
+            if not format_of(target).writes:
+                target = target.with_suffix(FORMATS["bvh"].suffixes[0])
+            report = self.report or target.with_name(target.stem + ".report.json")
+            wanted = [target, report, *([self.picture] if self.picture else [])]
+            refuse_to_overwrite(wanted, path, self.force)
+            with following(path.name) as stage:
+                stage("reading")
+                take = self.load(path)
+                fixed = repair(
+                    take, gaps=self.gap, lost=self.lost, find=self.find or None, method=self.method,
+                    donors=self.donors, max_gap=self.max_gap, keep_longer=self.keep_longer, denoise=self.denoise,
+                    cutoff=self.cutoff, plant_feet=self.plant_feet, map=self.map, stage=stage,
+                )  # fmt: skip
+                stage("writing")
+                save(fixed, target, force=self.force)
+                told = replace(fixed.report, output=str(target))
+                write_whole(report, lambda temporary: temporary.write_text(told.to_json(), encoding="utf-8"))
+                if self.picture and fixed.report.repaired:
+                    from .picture import draw_repair
+
+                    write_whole(self.picture, lambda temporary: draw_repair(take, fixed, temporary))
+            print(told.to_json() if self.json else f"{told}\nwritten: {target}\nreport:  {report}")
+
+        return each(self.files, one)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damage(Reading):
+    """Plant damage in a good take, to try a repair on it. The same seed plants the same damage."""
+
+    file: Positional[Path]
+    """A good take."""
+    output: Output
+    """The damaged file."""
+    gap: UseAppendAction[tuple[str, ...]] = ()
+    """Frames in which all joints are lost: 120:180. In a BVH, which cannot say "missing", they hold still."""
+    lost: UseAppendAction[tuple[str, ...]] = ()
+    """Joints and frames: LeftForeArm,LeftHand:300:360."""
+    held: UseAppendAction[tuple[str, ...]] = ()
+    """Joints that freeze while the rest moves, and frames."""
+    jump: UseAppendAction[tuple[str, ...]] = ()
+    """Joints that jump away and back, and frames."""
+    swap: UseAppendAction[tuple[str, ...]] = ()
+    """Two joints (left and right) exchanged, and frames: LeftHand,RightHand:40:80."""
+    displaced: UseAppendAction[tuple[str, ...]] = ()
+    """Joints off by a constant offset, and frames."""
+    dropout: float = 0.0
+    """Share of single samples lost, 0 to 1."""
+    noise: str = "0"
+    """Standard deviation of Gaussian noise on positions: 5mm, 0.5cm, 0.005 (metres)."""
+    seed: int = 0
+    """Seed of the random numbers."""
+    force: bool = False
+    """Overwrite the output."""
+
+    def run(self) -> int:
+        from .damage import plant
+        from .io import save
+        from .ranges import parse_length, parse_lost, parse_range
+
+        take = self.load(self.file)
+        spots = {
+            name: [parse_lost(spec, take) for spec in getattr(self, name)]
+            for name in ("lost", "held", "jump", "swap", "displaced")
+        }
+        gaps = [parse_range(gap, len(take), take.fps) for gap in self.gap]
+        broken = plant(
+            take, gaps=gaps, dropout=self.dropout, noise=parse_length(self.noise), seed=self.seed, **spots
+        )  # fmt: skip
+        print(f"written: {save(broken, self.output, force=self.force)}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compare(Reading):
+    """Measure how far a take is from another: MPJPE, bone lengths, seams, samples that differ."""
+
+    file: Positional[Path]
+    """The reference."""
+    other: Positional[Path]
+    """The take to measure."""
+    frames: str | None = None
+    """Only these frames: 120:180 or 1s:1.5s."""
+    json: bool = False
+    """Print JSON for machines."""
+
+    def run(self) -> int:
+        from .comparison import compare
+
+        result = compare(self.load(self.file), self.load(self.other), self.frames)
+        print(result.to_json() if self.json else result)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convert(Reading):
+    """Write a take in another format: BVH, C3D, TRC, CSV, NPZ, or GLB for Blender and game engines."""
+
+    file: Positional[Path]
+    """The take."""
+    output: Output
+    """The new file; its suffix names the format."""
+    force: bool = False
+    """Overwrite the output."""
+
+    def run(self) -> int:
+        from .io import save
+
+        take = self.load(self.file)
+        print(f"units of {self.file.name}: {take.units.why}")
+        print(f"written: {save(take, self.output, force=self.force)}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo:
+    """Repair a bundled damaged take, and write it, its report and a picture into a folder."""
+
+    output: Output = Path("demo")
+    """The folder."""
+
+    def run(self) -> int:
+        from .demo import demo
+
+        demo(self.output)
+        return 0
+
+
+COMMANDS = {
+    "inspect": Inspect,
+    "repair": Repair,
+    "damage": Damage,
+    "compare": Compare,
+    "convert": Convert,
+    "demo": Demo,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0, 1 when any file failed, 2 for a wrong command line."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    if argv == ["--version"]:
+        print(f"motionmend {__version__}")
+        return 0
+    command = tyro.extras.subcommand_cli_from_dict(
+        COMMANDS, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
+        description="Repair human motion capture, and touch nothing else.",
+    )  # fmt: skip
+    try:
+        return command.run()
+    except (InputError, OSError, MemoryError) as error:
+        return complain(error)
+    except KeyboardInterrupt:
+        print("motionmend: stopped; nothing half-written is left", file=sys.stderr)
+        return 130
+
+
+def each(files: Sequence[Path], one: Callable[[Path], None]) -> int:
+    """Do `one` for every file; a bad one is named on stderr and does not stop the rest."""
+    if not files:
+        raise InputError("no file was named")
+    bad = 0
+    for path in files:
+        try:
+            one(path)
+        except (InputError, OSError, MemoryError) as error:
+            bad += complain(error, path)
+    if bad and len(files) > 1:
+        print(f"motionmend: {bad} of {len(files)} files failed", file=sys.stderr)
+    return min(bad, 1)
+
+
+def complain(error: Exception, path: Path | None = None) -> int:
+    """Print an error as one line that says which file it is about; returns exit status 1."""
+    message = "not enough memory" if isinstance(error, MemoryError) else str(error)
+    if path is not None and path.name not in message:
+        message = f"{path}: {message}"
+    print(f"motionmend: {message}", file=sys.stderr)
+    return 1
+
+
+def refuse_to_overwrite(targets: Sequence[Path], source: Path, force: bool) -> None:
+    """Refuse before the work starts rather than after it; a take is never written over itself."""
+    for target in targets:
+        if target.exists() and target.samefile(source):
+            raise InputError("this would overwrite the take itself", where=target, hint="choose another output")
+        if target.exists() and not force:
+            hint = "choose another name, or overwrite it with --force"
+            raise InputError("the file exists", where=target, hint=hint)

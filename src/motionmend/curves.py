@@ -1,0 +1,116 @@
+"""Curves across a gap.
+
+A curve is a matrix. Given when the good samples around a gap are, every fill here is linear in their values,
+so a gap is filled by `weights @ samples`, and all gaps with the same length and the same context (the joints
+of a full-body gap, thousands of one-frame dropouts) share one matrix and one product. The samples may be
+positions, differences to a donor, coordinates in a rigid body's frame, or rotation vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Array = np.ndarray
+
+VELOCITY_SECONDS = 0.075  # how far from the seam the end velocity is measured
+VELOCITY_DEGREE = 2  # of the polynomial through the seam that measures it
+SPLINE_SAMPLES = 6  # on each side
+SETTLE_SECONDS = 0.1  # time constant with which a motion without a far end comes to rest
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A way across a gap.
+
+    weights : `(length, times (samples,), fps) -> (length, samples)`.
+    reach : how many frames on each side it looks at, given the rate.
+    """
+
+    name: str
+    weights: Callable[[int, Array, float], Array]
+    reach: Callable[[float], int]
+
+    def across(self, length: int, times: Array, fps: float) -> Array:
+        """The weights of the samples at `times` in each of the gap's frames; with one seam only, `settle`."""
+        both = times[0] <= 0 and times[-1] > length
+        return (self.weights if both else settle)(length, times, fps)
+
+
+def velocity_frames(fps: float) -> int:
+    """How many frames the end velocity is measured from, the seam included."""
+    return 1 + max(2, round(VELOCITY_SECONDS * fps))
+
+
+def velocity(times: Array, seam: float) -> Array:
+    """The weights `(samples,)` of the velocity at the sample at time `seam`, per frame; zeros if it is alone.
+
+    Least-squares polynomial of degree VELOCITY_DEGREE (or less, where there are fewer samples) that passes
+    through the seam's sample.
+    """
+    away = times - seam
+    others = away != 0
+    weights = np.zeros(len(times))
+    if np.any(others):
+        powers = np.arange(1, min(VELOCITY_DEGREE, int(others.sum())) + 1)
+        weights[others] = np.linalg.pinv(away[others, None].astype(float) ** powers)[0]
+        weights[~others] = -weights.sum()
+    return weights
+
+
+def _linear(length: int, times: Array, fps: float) -> Array:
+    del fps
+    u = np.arange(1, length + 1) / (length + 1)
+    return np.outer(1 - u, times == 0) + np.outer(u, times == length + 1)
+
+
+def _hermite(length: int, times: Array, fps: float) -> Array:
+    """Cubic Hermite: the seams' values, and velocities from a few frames on each side.
+
+    p = h00 p0 + h10 T v0 + h01 p1 + h11 T v1, the textbook basis on u = t/T. A seam that stands alone has the
+    velocity of the straight line.
+    """
+    reach, span = velocity_frames(fps), length + 1
+    u = np.arange(1, length + 1) / span
+    start, stop = (times == 0).astype(float), (times == span).astype(float)
+    ends = []
+    for seam, near in ((0, (times <= 0) & (times > -reach)), (span, (times >= span) & (times < span + reach))):
+        weights = np.zeros(len(times))
+        weights[near] = velocity(times[near], seam)
+        ends.append(span * weights if near.sum() > 1 else stop - start)
+    value = np.outer((1 + 2 * u) * (1 - u) ** 2, start) + np.outer(u**2 * (3 - 2 * u), stop)
+    return value + np.outer(u * (1 - u) ** 2, ends[0]) + np.outer(u**2 * (u - 1), ends[1])
+
+
+def _cubic(length: int, times: Array, fps: float) -> Array:
+    """Not-a-knot cubic spline through the samples (SciPy's CubicSpline)."""
+    from scipy.interpolate import CubicSpline
+
+    del fps
+    return CubicSpline(times, np.eye(len(times)))(np.arange(1, length + 1))
+
+
+def settle(length: int, times: Array, fps: float) -> Array:
+    """Past the only seam: go on with its velocity, which dies away: p + v tau (1 - exp(-t / tau))."""
+    forward = times[0] <= 0
+    seam = 0 if forward else length + 1
+    reach = velocity_frames(fps)
+    tau = SETTLE_SECONDS * fps
+    away = np.abs(np.arange(1, length + 1) - seam)
+    near = np.abs(times - seam) < reach
+    speed = np.zeros(len(times))
+    speed[near] = velocity(times[near], seam)
+    coast = tau * -np.expm1(-away / tau) * (1 if forward else -1)
+    return (times == seam).astype(float) + np.outer(coast, speed)
+
+
+CURVES = {
+    curve.name: curve
+    for curve in (
+        Curve("linear", _linear, velocity_frames),
+        Curve("hermite", _hermite, velocity_frames),
+        Curve("cubic", _cubic, lambda fps: max(SPLINE_SAMPLES, velocity_frames(fps))),
+    )
+}

@@ -1,0 +1,306 @@
+"""Find damage: which of a file's own numbers cannot be trusted, and why.
+
+Points are judged as points. Channels are judged as channels, each joint's own turn (and shift, if it has
+one) in its parent's frame, so that one bad shoulder does not accuse the whole arm. No body, no bones and no
+names are needed, but for left/right swaps, which need names. Everything scales with the frame rate and with
+what the same joint does in the rest of the take. `symptoms` judges the numbers; here they become findings.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .damage import exchange_channels, exchanged, mirrored_pairs
+from .motion import Array, Take, runs
+from .symptoms import (
+    FEW,
+    Tear,
+    Track,
+    calibration_frames,
+    continuous_track,
+    copies,
+    exchange_costs,
+    exchange_seams,
+    held_runs,
+    noise_level,
+    tears,
+)
+
+CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found: `cause` in `joints` (names as in the file) over frames `[start, stop)`.
+
+    cause : gap, lost, dropout, held, jump, swap, displaced, noise or t-pose.
+    certainty : 0 to 1; a rough share of such findings that are truly damage.
+    detail : what was seen, in words. indices : the joints' indices; a swap has its pairs in turn, left, right.
+    """
+
+    cause: str
+    joints: tuple[str, ...]
+    start: int
+    stop: int
+    certainty: float
+    detail: str
+    indices: tuple[int, ...]
+
+
+def told(finding: Finding) -> dict[str, Any]:
+    """A finding for reports: its names, without the indices."""
+    facts = asdict(finding)
+    del facts["indices"]
+    return facts
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """findings : in order of their first frame. untrusted : `(frames, joints)` bool, what to replace."""
+
+    findings: tuple[Finding, ...]
+    untrusted: Array
+
+
+def diagnose(take: Take) -> Diagnosis:
+    """What is wrong with a take, and which of its numbers to replace.
+
+    `untrusted` has the shape of `take.trusted` and, for a take of channels, speaks of each joint's own
+    channels. Noise, a T-pose and a step that is not undone are told but never untrusted; a swap is not
+    either, because its values are good: see `unswap`.
+    """
+    findings = list(_missing(take))
+    untrusted = ~take.trusted
+    if len(take) > FEW:
+        tracks = list(_tracks(take))
+        seen, bad = _judge(take, tracks)
+        findings += seen
+        untrusted = untrusted | bad
+    return Diagnosis(tuple(sorted(findings, key=lambda f: (f.start, f.stop, f.cause))), untrusted)
+
+
+def unswap(take: Take, finding: Finding) -> Take:
+    """The take with the left and right values of a swap exchanged back: nothing is interpolated, nothing lost."""
+    order = exchanged(take.skeleton.names, finding.indices)
+    start, stop = finding.start, finding.stop
+    if take.rig is None:
+        positions, observed = take.motion.positions.copy(), take.motion.observed.copy()
+        positions[start:stop], observed[start:stop] = positions[start:stop, order], observed[start:stop, order]
+        return take.with_motion(replace(take.motion, positions=positions, observed=observed))
+    rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
+    exchange_channels(take.rig, rotations, translations, order, start, stop)
+    return take.with_rig(replace(take.rig, rotations=rotations, translations=translations))
+
+
+def _tracks(take: Take) -> Iterator[Track]:
+    """Every joint's turn and shift that ever change; untrusted entries are NaN."""
+    for joint in range(len(take.skeleton)):
+        distrusted = ~take.trusted[:, joint]
+        if take.rig is None:
+            kinds = [(False, take.motion.positions[:, joint].astype(float))]
+        else:
+            kinds = [(True, 2 * take.rig.rotations[:, joint])] if take.rig.orders[joint] else []
+            kinds += [(False, take.rig.translations[:, joint].copy())] if take.rig.moves[joint] else []
+        for turns, values in kinds:
+            values[distrusted] = np.nan
+            track = Track(joint, turns, continuous_track(values) if turns else values)
+            if track.is_lively:
+                yield track
+
+
+# Missing --------------------------------------------------------------------------------------------------
+
+
+def _missing(take: Take) -> Iterator[Finding]:
+    """Numbers that the file does not have: gaps, lost stretches and dropouts."""
+    gone = ~take.trusted
+    if not gone.any():
+        return
+    names, fps = take.skeleton.names, take.fps
+    longest = max(FEW, round(0.05 * fps))
+    gap = np.logical_and.reduce(gone, axis=1)
+    for start, stop in runs(gap):
+        yield _finding(take, "gap", range(len(names)), start, stop, 1.0, "no joint has numbers")
+    stretches: dict[tuple[int, int], list[int]] = {}
+    scattered = np.zeros_like(gone)
+    for joint in np.flatnonzero(gone.any(axis=0)):
+        for start, stop in runs(gone[:, joint] & ~gap):
+            if stop - start > longest:
+                stretches.setdefault((start, stop), []).append(int(joint))
+            else:
+                scattered[start:stop, joint] = True
+    for (start, stop), joints in stretches.items():
+        yield _finding(take, "lost", joints, start, stop, 1.0, "no numbers")
+    yield from _dropout(take, scattered, 1.0, "without numbers")
+
+
+def _dropout(take: Take, scattered: Array, certainty: float, what: str) -> Iterator[Finding]:
+    """All scattered samples as one finding: thousands of lines help nobody."""
+    if scattered.any():
+        at = np.flatnonzero(scattered.any(axis=1))
+        joints = np.flatnonzero(scattered.any(axis=0))
+        detail = f"{scattered.sum()} samples ({100 * scattered.mean():.2g} %) {what}"
+        yield _finding(take, "dropout", joints, at[0], at[-1] + 1, certainty, detail)
+
+
+def _finding(
+    take: Take, cause: str, joints: Iterable[int], start: int, stop: int, certainty: float, detail: str
+) -> Finding:
+    indices = tuple(int(joint) for joint in joints)
+    names = tuple(take.skeleton.names[joint] for joint in indices)
+    return Finding(cause, names, int(start), int(stop), round(float(certainty), 2), detail, indices)
+
+
+# There, but wrong -----------------------------------------------------------------------------------------
+
+
+def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
+    """Findings in the numbers that are there, and the mask of those to replace."""
+    bad = np.zeros(take.trusted.shape, bool)
+    findings: list[Finding] = []
+    if first := calibration_frames(tracks, take.fps):
+        detail = f"a pose that the take leaves at once in frame {first}; it is left as it is"
+        findings.append(_finding(take, "t-pose", range(len(take.skeleton)), 0, first, 0.9, detail))
+        for track in tracks:
+            track.values[:first] = np.nan
+
+    findings += _held(take, tracks, bad)
+    for swap in _swaps(take, tracks):
+        findings.append(swap)
+        _exchange_tracks(tracks, swap)
+    for track in tracks:
+        track.values[bad[:, track.joint]] = np.nan
+    findings += _torn(take, tracks, bad)
+    findings += _noise(take, tracks)
+    return findings, bad
+
+
+def _held(take: Take, tracks: list[Track], bad: Array) -> list[Finding]:
+    """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks them in `bad`."""
+    if not tracks:
+        return []
+    frames = len(take)
+    copied = np.stack([copies(track.values) for track in tracks], axis=1)
+    frozen = np.zeros_like(copied)
+    every = []
+    for number, track in enumerate(tracks):
+        for start, stop, certainty in held_runs(track.values, take.fps):
+            every.append((track.joint, start, stop, certainty))
+            frozen[start:stop, number] = True
+    lively = copied.mean(axis=0) < 0.5
+    whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1)
+    findings = []
+    if len(runs(whole)) > 0.05 * frames:
+        detail = f"{100 * whole.mean():.0f} % of the frames repeat the one before: made from a lower rate"
+        findings.append(_finding(take, "held", range(len(take.skeleton)), 0, frames, 0.3, detail))
+    else:
+        for start, stop in runs(whole):
+            if frozen[start:stop, lively].any(axis=0).mean() > 0.3:
+                # A take that ends, or begins, with a still may be meant so.
+                certainty = 0.95 if stop < frames and start > 1 else 0.5
+                bad[start:stop] = certainty >= CERTAIN
+                detail = f"every joint repeats frame {start - 1}"
+                findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
+    scattered = np.zeros_like(bad)
+    stretches: dict[tuple[int, int], list[tuple[int, float]]] = {}
+    for joint, start, stop, certainty in every:
+        if whole[start:stop].all():
+            continue
+        if certainty >= CERTAIN:
+            bad[start:stop, joint] = True
+        if stop - start < FEW:
+            scattered[start:stop, joint] = True
+        else:
+            stretches.setdefault((start, stop), []).append((joint, certainty))
+    for (start, stop), which in stretches.items():
+        joints, certainties = zip(*which)
+        detail = f"the value of frame {start - 1} is repeated"
+        findings.append(_finding(take, "held", sorted(set(joints)), start, stop, max(certainties), detail))
+    return [*findings, *_dropout(take, scattered, 0.9, "repeat the one before, while the joint moves")]
+
+
+def _swaps(take: Take, tracks: list[Track]) -> list[Finding]:
+    """Stretches in which left and right twins have each other's values."""
+    by_place = {(track.joint, track.turns): track for track in tracks}
+    twins = [
+        (by_place[left, turns], by_place[right, turns])
+        for left, right in mirrored_pairs(take.skeleton.names)
+        for turns in (True, False)
+        if (left, turns) in by_place and (right, turns) in by_place
+    ]
+    costs = [exchange_costs(left, right, take.fps) for left, right in twins]
+    support: Counter[tuple[int, int]] = Counter()
+    single: list[int] = []
+    for (left, _), (kept, other) in zip(twins, costs):
+        seams = exchange_seams(kept, other, left.least, take.fps)
+        support.update(zip(seams[::2], seams[1::2]))
+        single += seams[len(seams) // 2 * 2 :]
+    stretches: dict[tuple[int, int], float] = {}
+    known: set[int] = set()
+    # Twins that miss a seam of their limb's swap pair the wrong ones: what most of the limb says comes first.
+    for stretch, _ in support.most_common():
+        if not known & set(stretch):
+            stretches[stretch] = 0.9
+            known |= set(stretch)
+    for seam in sorted(set(single) - known):
+        # Which part is the wrong one cannot be known; likelier the shorter.
+        stretches[(seam, len(take)) if seam > len(take) / 2 else (0, seam)] = 0.5
+    findings = []
+    for (start, stop), certainty in sorted(stretches.items()):
+        seams = [seam for seam in (start, stop) if 0 < seam < len(take)]
+        joints = [
+            joint
+            for (left, right), (kept, other) in zip(twins, costs)
+            for joint in (left.joint, right.joint)
+            # Joined by twins that are too alike at one of the seams to show it by themselves.
+            if other[seams].sum() < 0.7 * kept[seams].sum() and kept[seams].sum() > left.least
+        ]
+        detail = "left and right have each other's values; they can be exchanged back without loss"
+        findings.append(_finding(take, "swap", dict.fromkeys(joints), start, stop, certainty, detail))
+    return findings
+
+
+def _exchange_tracks(tracks: list[Track], swap: Finding) -> None:
+    """Exchange the twins' values back, in place."""
+    by_place = {(track.joint, track.turns): track.values for track in tracks}
+    frames = slice(swap.start, swap.stop)
+    for left, right in zip(swap.indices[::2], swap.indices[1::2]):
+        for turns in (True, False):
+            if (left, turns) in by_place and (right, turns) in by_place:
+                one, two = by_place[left, turns], by_place[right, turns]
+                one[frames], two[frames] = two[frames].copy(), one[frames].copy()
+                if turns:
+                    one[:], two[:] = continuous_track(one), continuous_track(two)
+
+
+def _torn(take: Take, tracks: list[Track], bad: Array) -> Iterator[Finding]:
+    """Jumps, displaced stretches and steps, those of several joints in the same frames as one; marks them in `bad`."""
+    found: dict[tuple[str, int, int], list[tuple[Track, Tear]]] = {}
+    for track in tracks:
+        for tear in tears(track, take.fps):
+            if tear.certainty >= CERTAIN:
+                bad[tear.start : tear.stop, track.joint] = True
+            found.setdefault((tear.cause, tear.start, tear.stop), []).append((track, tear))
+    words = {"jump": "out and back by {}", "displaced": "off by about {}", "step": "a step of {} that is not undone"}
+    for (cause, start, stop), which in found.items():
+        joints = sorted({track.joint for track, _ in which})
+        certainty = max(tear.certainty for _, tear in which)
+        track, tear = which[0]
+        detail = words[cause].format(track.describe(tear.size))
+        yield _finding(take, "jump" if cause == "step" else cause, joints, start, stop, certainty, detail)
+
+
+def _noise(take: Take, tracks: list[Track]) -> Iterator[Finding]:
+    """A level, told and never mended unasked."""
+    for turns, least, unit in ((False, 0.0015, 1000.0), (True, np.radians(0.75), np.degrees(1.0))):
+        levels = {track.joint: noise_level(track.values) for track in tracks if track.turns == turns}
+        noisy = [joint for joint, level in levels.items() if level > least]
+        if noisy:
+            level = np.median([levels[joint] for joint in noisy]) * unit
+            detail = f"about {level:.1f} {'°' if turns else 'mm'} an axis, from frame to frame"
+            yield _finding(take, "noise", sorted(noisy), 0, len(take), 0.8, detail)

@@ -1,0 +1,98 @@
+"""A picture of a repair: the poses before and after, and the paths of the joints that move most."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .motion import Array, Motion, Take, runs
+
+KNOWN, REPAIRED, BROKEN, TRUTH = "#4a5568", "#e4572e", "#9aa5b1", "#2a9d8f"
+
+
+def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None) -> None:
+    """Write a PNG of the stretch in which most was repaired, with some context on both sides.
+
+    Parameters
+    ----------
+    before, after : the damaged and the repaired take.
+    truth : the undamaged take, where it is known (a demonstration): drawn as a thin line.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    moved = np.linalg.norm(after.motion.positions - before.motion.positions, axis=-1)
+    # A sample that was missing has moved from nowhere: count it as a limb's length.
+    moved = np.where(np.isnan(moved), np.where(after.motion.observed, 0.5, 0.0), moved)
+    filled = moved > 0
+    start, stop = max(runs(filled.any(axis=1)), key=lambda run: moved[run[0] : run[1]].sum())
+    margin = max(stop - start, int(0.3 * after.fps))
+    first, last = max(start - margin, 0), min(stop + margin, len(after))
+    figure = Figure(figsize=(13, 9), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(4, 1, height_ratios=[3, 3, 1.6, 1.6])
+    frames = np.unique(np.linspace(first, last - 1, 13).round().astype(int))
+    _poses(rows[0], before.motion, frames, filled, BROKEN, "as it came")
+    _poses(rows[1], after.motion, frames, filled, REPAIRED, "repaired")
+
+    moving = _most_moving(after.motion, filled, first, last)
+    for axes, joint in zip(rows[2:], moving):
+        time = np.arange(first, last) / after.fps
+        for take, colour, width, label in (
+            (truth, TRUTH, 5, "truth"),
+            (before, BROKEN, 1.5, "as it came"),
+            (after, REPAIRED, 2, "repaired"),
+        ):
+            if take is not None:
+                height = take.motion.positions[first:last, joint, 1] * 100
+                axes.plot(time, height, color=colour, lw=width, label=label, alpha=0.45 if width == 5 else 1)
+        for begin, end in runs(filled[first:last, joint]):
+            axes.axvspan((first + begin) / after.fps, (first + end - 1) / after.fps, color=REPAIRED, alpha=0.08, lw=0)
+        axes.set_ylabel(f"{after.skeleton.names[joint]}\nheight (cm)")
+        axes.margins(x=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    rows[2].legend(loc="upper right", frameon=False, ncols=3)
+    rows[3].set_xlabel("time (s)")
+    figure.suptitle(
+        f"{Path(after.source).name}: frames {start}:{stop} ({(stop - start) / after.fps:.2f} s) repaired", fontsize=14
+    )
+    figure.savefig(path, dpi=110)
+
+
+def _poses(axes, motion: Motion, frames: Array, filled: Array, colour: str, title: str) -> None:
+    """Stick figures side by side in time, seen a little from the side; changed joints in colour."""
+    view = _view(motion.positions[frames])
+    spacing = 1.15 * max(np.nanmax(np.ptp(view[..., 0], axis=1)), 0.35 * np.nanmax(np.ptp(view[..., 1], axis=1)))
+    bones = [(joint, parent) for joint, parent in enumerate(motion.skeleton.parents) if parent >= 0]
+    for place, frame in enumerate(frames):
+        points = view[place] + [place * spacing, 0]
+        for joint, parent in bones:
+            changed = filled[frame, joint] or filled[frame, parent]
+            axes.plot(*points[[joint, parent]].T, color=colour if changed else KNOWN, lw=2.4, solid_capstyle="round")
+        if not bones:
+            axes.scatter(*points.T, s=9, c=np.where(filled[frame], colour, KNOWN))
+        axes.annotate(f"{frame}", (place * spacing, np.nanmin(view[..., 1])), (0, -14), textcoords="offset points",
+                      ha="center", fontsize=8, color=KNOWN)
+    axes.set_title(title, loc="left", fontsize=11, color=colour)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def _view(positions: Array) -> Array:
+    """`(frames, joints, 2)` of a three-quarter view, each pose centred over its own feet."""
+    middle = np.nanmean(positions, axis=1, keepdims=True)
+    centred = positions - middle * [1, 0, 1]
+    travel = np.nanmean(np.diff(middle[:, 0, [0, 2]], axis=0), axis=0) if len(positions) > 1 else np.zeros(2)
+    angle = np.arctan2(travel[1], travel[0]) + np.radians(25) if np.linalg.norm(travel) > 0.02 else np.radians(25)
+    across = np.array([np.cos(angle), 0, np.sin(angle)])
+    return np.stack([centred @ across, centred[..., 1]], axis=-1)
+
+
+def _most_moving(motion: Motion, filled: Array, first: int, last: int) -> list[int]:
+    """The repaired joints whose height changes most, one from each side of the body where it can be told."""
+    spread = np.nan_to_num(np.ptp(motion.positions[first:last, :, 1], axis=0)) * filled[first:last].any(axis=0)
+    best = int(np.argmax(spread))
+    path = motion.positions[first:last]
+    apart = np.linalg.norm(path - path[:, best, None], axis=-1).mean(axis=0)
+    return [best, int(np.argmax(spread * (np.nan_to_num(apart) > 0.3 * np.nanmax(apart))))]

@@ -1,0 +1,39 @@
+"""What is being done now: a moving line on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Stage = Callable[[str], None]
+
+
+def silent(_: str) -> None:
+    """A Stage that says nothing."""
+
+
+@contextmanager
+def following(name: str) -> Iterator[Stage]:
+    """Yields a function to call with what is done next ("reading", "filling 3 of 12", …).
+
+    On a terminal one line shows it with the time; elsewhere a line is printed only once work has gone on
+    for some seconds, so that logs of quick work stay quiet.
+    """
+    began = time.monotonic()
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(name)
+            yield lambda what: bar.update(task, description=f"{name}: {what}")
+        return
+
+    def line(what: str) -> None:
+        if (spent := time.monotonic() - began) > 5:
+            print(f"{name}: {what} ({spent:.0f} s)", file=sys.stderr, flush=True)
+
+    yield line

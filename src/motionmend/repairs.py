@@ -1,0 +1,208 @@
+"""The main job: one take in, the same take out with its damage repaired and a report of what was done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from . import auto, diagnosis, feet
+from .body import map_rig, read_map
+from .constraints import checks
+from .errors import InputError, nearest_names
+from .fills import FILLS, DonorFill, Fill
+from .fitting import fit
+from .gaps import Gaps, longer
+from .motion import Array, Take
+from .progress import Stage, silent
+from .ranges import Lost, Range, mask_of, parse_frames
+from .report import Filled, Report
+from .rigfills import fill_rig
+
+
+def repair(
+    take: Take,
+    *,
+    gaps: Iterable[Range] = (),
+    lost: Iterable[Lost] = (),
+    find: bool | None = None,
+    method: str = "auto",
+    donors: Sequence[str] = (),
+    max_gap: int | str | None = None,
+    keep_longer: bool = False,
+    denoise: str | None = None,
+    cutoff: float = 6.0,
+    plant_feet: bool = False,
+    map: str | Path | dict[str, str] | None = None,
+    stage: Stage = silent,
+) -> Take:
+    """Repair a take; everything that is not repaired stays bit for bit.
+
+    Parameters
+    ----------
+    gaps : frames in which all joints are untrusted, as `(start, stop)` or "120:180" or "0.5s:0.8s".
+    lost : joints or markers and frames, as `(names, start, stop)` or "LeftForeArm,LeftHand:300:360". In a take of
+        channels these are the joints' own channels; what hangs on them moves with them.
+    find : whether to repair what `diagnose` finds; by default only if neither `gaps` nor `lost` is given.
+    method : "linear", "hermite", "cubic", "pattern", "rigid", or "auto".
+    donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
+    max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
+        formats that can say so; with `keep_longer` they stay as the file has them.
+    denoise : "savgol" or "butterworth": smooth the whole take afterwards. cutoff : of the latter, Hz.
+    plant_feet : hold feet still where they stand inside repaired frames.
+    map : overrides of the rig's mapping: BODY name → name in the file, or a TOML file of such lines.
+    stage : called with what is done next, for progress.
+
+    Returns
+    -------
+    The repaired take. Its `report` says what was found, filled, left and checked.
+
+    Raises
+    ------
+    InputError : for names or ranges the take does not have, and if nothing in it can be trusted.
+    """
+    asked = mask_of(take, gaps, lost)
+    overrides = map if isinstance(map, dict) or map is None else read_map(map)
+    findings, whole, wrong = (), take, asked
+    if find or (find is None and not asked.any()):
+        stage("looking for damage")
+        found = diagnosis.diagnose(take)
+        findings = found.findings
+        for finding in findings:
+            if finding.cause == "swap" and finding.certainty >= diagnosis.CERTAIN:
+                whole = diagnosis.unswap(whole, finding)
+        wrong = wrong | found.untrusted
+    damaged = whole.distrust(wrong)
+    hidden = ~damaged.trusted
+    if hidden.all():
+        found = "no sample of this take can be trusted: there is nothing to repair it from"
+        raise InputError(found, where=take.source)
+
+    too_long = np.zeros_like(hidden)
+    if max_gap is not None:
+        limit = parse_frames(max_gap, take.fps) if isinstance(max_gap, str) else max_gap
+        too_long = longer(damaged.trusted, limit)
+
+    mapping = map_rig(take.skeleton, take.motion.positions, overrides)
+    legs = feet.legs(mapping.joints) if mapping.is_person else []
+    stage("filling gaps")
+    filled, done = fill(damaged, method, donors, legs)
+    filled = _put_back(filled, whole if keep_longer else damaged, too_long)
+    changed = hidden & filled.trusted & ~too_long
+    checked = {}
+    if changed.any():
+        if plant_feet:
+            stage("planting feet")
+            filled, _ = feet.plant_feet(filled, changed, legs)
+        stage("checking")
+        checked = checks(whole, filled, changed, feet.soles(legs)).as_dict()
+    notes = take.notes
+    if denoise:
+        stage("denoising")
+        filled = smoothed(filled, denoise, cutoff)  # noqa
+        notes = (*notes, f"the whole take was denoised by {denoise}, as asked: every sample may have changed")
+    report = Report(
+        source=Path(take.source).name,
+        format=take.format,
+        frames=len(take),
+        fps=take.fps,
+        units=take.units.why,
+        samples=int(take.trusted.size),
+        repaired=int(changed.sum()),
+        findings=[diagnosis.told(finding) for finding in findings],
+        fills=_rows(damaged, done, changed, method),
+        left=_rows(damaged, done, hidden & ~changed, method),
+        checks=checked,
+        notes=notes,
+    )
+    return replace(filled, report=report)
+
+
+def fill(take: Take, method: str, donors: Sequence[str] = (), legs: Sequence[feet.Leg] = ()) -> tuple[Take, Gaps]:
+    """The take with its untrusted samples filled, and its gaps with the method of each.
+
+    legs : joints of whole legs (`feet.legs`); a leg lost from a standing rig is aimed at its feet's paths.
+    """
+    if method != "auto" and method not in FILLS:
+        raise InputError(f"no method is named {method!r}", hint=nearest_names(method, ["auto", *FILLS]))
+    for name in donors:
+        take.skeleton.index(name)
+    if take.rig is None:
+        motion, gaps = _completer(method, donors).fill(take.motion)
+        return take.with_motion(motion), gaps
+    rig, gaps = fill_rig(take.rig, take.fps, auto.rig_methods if method == "auto" else method)
+    return _feet_on_their_paths(take, take.with_rig(rig), method, legs), gaps
+
+
+def _completer(method: str, donors: Sequence[str]) -> Fill:
+    if method == "auto":
+        return auto.Auto(tuple(donors))
+    chosen = FILLS[method]
+    return replace(chosen, donors=tuple(donors)) if isinstance(chosen, DonorFill) else chosen
+
+
+def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence[feet.Leg]) -> Take:
+    """Where a leg alone was lost, pose it by the paths of its knee, ankle and toe rather than by its turns.
+
+    A foot moves by the floor, not by the hips: on validation takes this is the better of the two by about a
+    tenth for legs, and the worse one for arms and for whole bodies.
+    """
+    curve = FILLS[method if method in ("linear", "cubic") else "hermite"]
+    where, follow = np.zeros((2, *before.trusted.shape), bool)
+    for thigh, shin, foot, toe in legs:
+        turning = [thigh, shin, foot]
+        alone = ~before.trusted[:, turning].any(axis=1) & before.motion.observed[:, thigh]
+        where[np.ix_(alone, turning)] = True
+        follow[np.ix_(alone, [shin, foot, max(toe, foot)])] = True
+    if not where.any():
+        return filled
+    paths = curve.complete(before.motion)
+    targets = np.where((follow & paths.observed)[..., None], paths.positions, np.nan)
+    return fit(filled, targets, where)
+
+
+def _put_back(filled: Take, source: Take, kept: Array) -> Take:
+    """`filled` with the samples in `kept` as `source` has them, its trust included."""
+    if not kept.any():
+        return filled
+    if filled.rig is None or source.rig is None:
+        motion = replace(
+            filled.motion,
+            positions=np.where(kept[..., None], source.motion.positions, filled.motion.positions),
+            observed=np.where(kept, source.motion.observed, filled.motion.observed),
+        )
+        return filled.with_motion(motion)
+    rig = replace(
+        filled.rig,
+        rotations=np.where(kept[..., None], source.rig.rotations, filled.rig.rotations),
+        translations=np.where(kept[..., None], source.rig.translations, filled.rig.translations),
+        trusted=np.where(kept, source.rig.trusted, filled.rig.trusted),
+    )
+    return filled.with_rig(rig)
+
+
+def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str) -> list[Filled]:
+    """The report's lines: the gaps that lie in `wanted`, those of the same frames and fate together."""
+    kinds = auto.rig_kinds(take.rig, gaps) if take.rig else auto.point_kinds(take.motion, gaps)
+    together: dict[tuple[int, int, str, str], list[str]] = {}
+    for row, kind in enumerate(kinds):
+        joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
+        if not wanted[start, joint]:
+            continue
+        method = str(gaps.method[row])
+        if gaps.is_blank[row]:
+            why = "never seen"
+        elif gaps.is_edge[row]:
+            side = "after" if gaps.before[row] else "before"
+            why = f"nothing is known {side} it" + ", extrapolated" * bool(method)
+        elif not method or asked == "auto":
+            why = auto.KINDS[kind]
+        else:
+            why = "as asked" if method == asked else f"no donors for {asked}"
+        together.setdefault((start, stop, method, why), []).append(take.skeleton.names[joint])
+    return [
+        Filled(tuple(names), start, stop, (stop - start) / take.fps, method, why)
+        for (start, stop, method, why), names in sorted(together.items())
+    ]
