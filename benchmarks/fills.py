@@ -20,21 +20,18 @@ import numpy as np
 
 import motionmend.io as io
 from motionmend import auto
-from motionmend.fills import FILLS
+from motionmend.fills import FILLS, Fill
 from motionmend.motion import Motion, Rig, Skeleton
 from motionmend.rigfills import RIG_FILLS, fill_rig
 from motionmend.rotations import apply, between
 
 Array = np.ndarray
 
-SECONDS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.2)
-LOST = {  # by the names of CMU's three spellings
-    "arm": ("lhumerus", "LeftArm", "lShldr"),
-    "leg": ("lfemur", "LeftUpLeg", "lThigh"),
-    "forearm": ("rradius", "RightForeArm", "rForeArm"),
-    "shin": ("rtibia", "RightLeg", "rShin"),
-    "hand": ("lwrist", "LeftHand", "lHand"),
-    "foot": ("lfoot", "LeftFoot", "lFoot"),
+SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.2)
+LOST = {  # kind in auto.WINNERS -> part -> its name in CMU's three spellings
+    "limb": {"arm": ("lhumerus", "LeftArm", "lShldr"), "leg": ("lfemur", "LeftUpLeg", "lThigh")},
+    "lower limb": {"forearm": ("rradius", "RightForeArm", "rForeArm"), "shin": ("rtibia", "RightLeg", "rShin")},
+    "extremity": {"hand": ("lwrist", "LeftHand", "lHand"), "foot": ("lfoot", "LeftFoot", "lFoot")},
 }
 
 
@@ -70,34 +67,43 @@ def in_mm(misses: list[Array]) -> float:
     return 1e3 * float(np.mean(np.concatenate(misses)))
 
 
-def table(title: str, rows: dict[str, Callable[[float], float]]) -> None:
+Row = list[float]
+
+
+def table(title: str, rows: dict[str, Row]) -> None:
     print(f"\n**{title}**, mean error in mm\n")
     print("| method | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
     print("|---|" + "---:|" * len(SECONDS))
-    values = {name: [row(seconds) for seconds in SECONDS] for name, row in rows.items()}
-    best = [min(column) for column in zip(*(row for name, row in values.items() if name != "auto"))]
-    for name, row in values.items():
+    best = [min(column) for column in zip(*(row for name, row in rows.items() if name in RIG_FILLS))]
+    for name, row in rows.items():
         cells = (f"**{value:.1f}**" if value <= least else f"{value:.1f}" for value, least in zip(row, best))
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
-def rig_row(data: list, lost: tuple[str, ...] | None, method, seed: int) -> Callable[[float], float]:
-    def measure(seconds: float) -> float:
+def mean(tables: list[dict[str, Row]]) -> dict[str, Row]:
+    return {name: np.mean([rows[name] for rows in tables], axis=0).tolist() for name in tables[0]}
+
+
+def rig_row(data: list, lost: tuple[str, ...] | None, fill: Callable[[Rig, float], Array], seed: int) -> Row:
+    """fill : (rig with distrusted channels, fps) -> positions."""
+    row = []
+    for seconds in SECONDS:
         misses, random = [], np.random.default_rng(seed)
         for _, rig, fps in data:
             whole = holes(len(rig.trusted), round(seconds * fps), random)
             gone = np.ones(len(rig.skeleton), bool) if lost is None else below(rig.skeleton, lost)
             broken = replace(rig, trusted=whole[:, None] | ~gone)
-            unseen = ~broken.observed()
-            if isinstance(method, str) and method.endswith("in space"):
-                motion = replace(rig.motion(fps), observed=~unseen)
-                positions = FILLS[method.split()[0]].complete(motion).positions
-            else:
-                positions = fill_rig(broken, fps, method)[0].kinematics[0]
-            misses.append(np.linalg.norm(positions - rig.kinematics[0], axis=-1)[unseen])
-        return in_mm(misses)
+            misses.append(np.linalg.norm(fill(broken, fps) - rig.kinematics[0], axis=-1)[~broken.observed()])
+        row.append(in_mm(misses))
+    return row
 
-    return measure
+
+def by_turns(method) -> Callable[[Rig, float], Array]:
+    return lambda rig, fps: fill_rig(rig, fps, method)[0].kinematics[0]
+
+
+def in_space(fill: Fill) -> Callable[[Rig, float], Array]:
+    return lambda rig, fps: fill.complete(rig.motion(fps)).positions
 
 
 def with_markers(rig: Rig, fps: float, per_bone: int, random: np.random.Generator) -> tuple[Motion, Array]:
@@ -128,8 +134,9 @@ def _slow_noise(frames: int, width: int, random: np.random.Generator) -> Array:
     return noise / np.sqrt(3 * np.sum(kernel**2))
 
 
-def marker_row(clouds: list, lost: Callable, fill, seed: int) -> Callable[[float], float]:
-    def measure(seconds: float) -> float:
+def marker_row(clouds: list, lost: Callable, fill: Fill, seed: int) -> Row:
+    row = []
+    for seconds in SECONDS:
         misses, random = [], np.random.default_rng(seed)
         for motion, owners in clouds:
             whole = holes(len(motion), round(seconds * motion.fps), random)
@@ -137,9 +144,8 @@ def marker_row(clouds: list, lost: Callable, fill, seed: int) -> Callable[[float
             filled = fill.complete(replace(motion, observed=whole[:, None] | ~gone))
             unseen = np.ix_(~whole, gone)
             misses.append(np.linalg.norm(filled.positions[unseen] - motion.positions[unseen], axis=-1).ravel())
-        return in_mm(misses)
-
-    return measure
+        row.append(in_mm(misses))
+    return row
 
 
 def one_marker(owners: Array, random: np.random.Generator) -> Array:
@@ -173,12 +179,22 @@ def main() -> None:
     print(f"{len(data)} takes, {frames} frames, subjects {', '.join(options.subjects)}, seed {options.seed}, "
           f"Python {platform.python_version()}, NumPy {np.__version__}")  # fmt: skip
 
-    for title, lost in {"body": None, **LOST}.items():
-        rows = {name: rig_row(data, lost, name, options.seed) for name in RIG_FILLS}
-        rows["hermite in space"] = rig_row(data, lost, "hermite in space", options.seed)
-        table(f"A rig's {title}", {**rows, "auto": rig_row(data, lost, auto.rig_methods, options.seed)})
-
+    turns = {name: by_turns(name) for name in RIG_FILLS} | {"auto": by_turns(auto.rig_methods)}
+    turns["hermite in space"] = in_space(FILLS["hermite"])
     fills = {**FILLS, "auto": auto.Auto()}
+    space = {name: in_space(fill) for name, fill in fills.items()}
+    table("Rig, the body", {name: rig_row(data, None, fill, options.seed) for name, fill in turns.items()})
+    joints = []
+    for kind, parts in LOST.items():
+        tables = []
+        for part, lost in parts.items():
+            tables.append({name: rig_row(data, lost, fill, options.seed) for name, fill in turns.items()})
+            table(f"Rig, {part}", tables[-1])
+            if kind != "extremity":
+                joints.append({name: rig_row(data, lost, fill, options.seed) for name, fill in space.items()})
+        table(f"Rig, {kind}: {' and '.join(parts)}", mean(tables))
+    table("Joints of a skeleton as points: arm, leg, forearm and shin", mean(joints))
+
     for title, per_bone, lost in (
         ("One marker of four on a bone", 4, one_marker),
         ("One marker of three on a bone", 3, one_marker),

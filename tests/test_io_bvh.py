@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -102,16 +102,16 @@ SPELLINGS = ["{:.6f}", "{:.3e}", "{:+.4f}", "{:g}", "{!r}"]
 
 
 @st.composite
-def bvh_files(draw):
+def bvh_files(draw, extra=("ZXYZ",)):
     """(bytes, joints, rows as read) of a random hierarchy, channel order and spelling."""
     count = draw(st.integers(1, 7))
     joints: list[dict] = []
     open_path: list[int] = []
     for joint in range(count):
         # Depth first, as the file nests: the parent is on the path to the joint before, or this is a new root.
-        keep = draw(st.integers(0 if joint else 0, len(open_path)))
+        keep = draw(st.integers(0, len(open_path)))
         open_path = open_path[:keep]
-        turns = draw(st.sampled_from(["", "Z", "YX", "XYX", "ZZ", "ZXYZ", *map("".join, permutations("XYZ"))]))
+        turns = draw(st.sampled_from(["", "Z", "YX", "XYX", "ZZ", *extra, *map("".join, permutations("XYZ"))]))
         shifts = draw(st.sampled_from(["", "Y", "ZX", "XYZ"]))
         channels = [f"{axis}rotation" for axis in turns]
         for axis in shifts:
@@ -163,8 +163,11 @@ def bvh_files(draw):
     return text.encode(encoding), joints, rows
 
 
+RANDOM = {"deadline": None, "derandomize": True, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
+
+
 @given(bvh_files())
-@settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, **RANDOM)
 def test_any_hierarchy_order_and_spelling(tmp_path, file):
     content, joints, rows = file
     path = tmp_path / "random.bvh"
@@ -178,8 +181,9 @@ def test_any_hierarchy_order_and_spelling(tmp_path, file):
     assert save(take, path, force=True).read_bytes() == content
 
 
-@given(bvh_files(), st.sampled_from(["y", "z", "-x"]), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None, derandomize=True, phases=[Phase.generate], suppress_health_check=[HealthCheck.function_scoped_fixture])
+# With a fourth rotation channel, which keeps its angle, the planted triple would not come back.
+@given(bvh_files(extra=()), st.sampled_from(["y", "z", "-x"]), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, **RANDOM)
 def test_changed_cells_and_no_others(tmp_path, file, up, seed):
     """Planted turns and shifts that each joint can express come back, and every other word keeps its spelling."""
     content, joints, rows = file
@@ -197,9 +201,6 @@ def test_changed_cells_and_no_others(tmp_path, file, up, seed):
             planted[frame][span] = rng.uniform(-170, 170, len(spec["channels"])).tolist()
             touched[frame, span] = True
         column = span.stop
-    # Fourth and later rotation channels stay as they were, so plant only what can be reached.
-    if any(sum(c.endswith("rotation") for c in joint["channels"]) > 3 for joint in joints):
-        return
     truth = np.array([naive_positions(joints, row) for row in planted])
     other = path.with_name("planted.bvh")
     head, _, _ = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").partition(b"Frame Time: 0.0333333\n")
@@ -353,7 +354,8 @@ def test_the_frame_time_may_be_overruled(put, tmp_path):
 
 @pytest.mark.parametrize("spelled", ["frame time:0.0083333", "Frame Time 0.0083333", "FrameTime : 0.0083333"])
 def test_odd_spellings_of_the_header(put, spelled):
-    text = SMALL.replace("Frame Time: 0.0083333", spelled).replace("Frames: 3", "FRAMES : 3").replace("MOTION", "Motion")
+    text = SMALL.replace("Frame Time: 0.0083333", spelled).replace("Frames: 3", "FRAMES : 3")
+    text = text.replace("MOTION", "Motion")
     assert load(put(text)).fps == 120
 
 

@@ -214,6 +214,7 @@ def test_a_whole_person_tells_what_is_up(file):
         (text([*ROWS[:2], ROWS[2].replace("619.25", "6 19")]), r"take\.trc:9: '6 19' is not a number"),
         (text([*ROWS[:2], ROWS[2].replace("619.25", "6_19")]), r"take\.trc:9: '6_19' is not a number"),
         (text([*ROWS[:2], "end of file\t\t"]), r"take\.trc:9: 'end of file' is not a number"),
+        (text([*ROWS[:2], ROWS[2][1:]]), r"take\.trc:9: the row has no frame number"),
         (text(frames=900)[: len(text()) - 10], r"take\.trc:11: 4 columns; expected 11"),
         (text(["1\t0\t1 2\t\t3", "2\t0\t1\t2\t3"], markers=1, names="Frame#\tTime\tA"), "'1 2' is not a number"),
     ],

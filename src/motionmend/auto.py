@@ -20,21 +20,24 @@ Array = np.ndarray
 KINDS = {
     "body": "the whole rig is missing",
     "limb": "a limb of the rig is missing",
-    "limb's end": "the lower part of a limb is missing",
+    "lower limb": "the lower part of a limb is missing",
+    "extremity": "a hand, a foot or a head is missing",
     "all points": "every point is missing",
     "joints": "joints of a skeleton are missing",
     "markers": "markers of a cloud are missing",
 }
 
-LIMB_SHARE = 2 / 3  # of a limb's length: when less is missing, it is the limb's end
+# Of a limb's length, from its branch to its tip: with less missing it is the lower limb, or an extremity.
+LIMB_SHARE, EXTREMITY_SHARE = 2 / 3, 1 / 4
 
 # kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
 WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "body": {0: ((np.inf, "hermite"),)},
     "limb": {0: ((np.inf, "hermite"),)},
-    "limb's end": {0: ((0.6, "hermite"), (np.inf, "rigid"))},
+    "lower limb": {0: ((0.6, "hermite"), (np.inf, "rigid"))},
+    "extremity": {0: ((0.4, "pattern"), (np.inf, "rigid"))},
     "all points": {0: ((np.inf, "hermite"),)},
-    "joints": {0: ((np.inf, "hermite"),), 1: ((0.6, "hermite"), (np.inf, "pattern"))},
+    "joints": {0: ((np.inf, "hermite"),), 1: ((0.4, "hermite"), (np.inf, "pattern"))},
     "markers": {0: ((np.inf, "hermite"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
 }
 
@@ -108,8 +111,12 @@ def rig_kinds(rig: Rig, gaps: Gaps) -> list[str]:
         lost = missing[(start + stop) // 2]
         while parents[joint] >= 0 and lost[parents[joint]]:
             joint = parents[joint]
-        whole = "body" if parents[joint] < 0 else "limb"
-        kinds.append(whole if shares[joint] > LIMB_SHARE else "limb's end")
+        if parents[joint] < 0:
+            kinds.append("body")
+        elif shares[joint] > LIMB_SHARE:
+            kinds.append("limb")
+        else:
+            kinds.append("lower limb" if shares[joint] > EXTREMITY_SHARE else "extremity")
     return kinds
 
 

@@ -223,7 +223,6 @@ class Convert(Reading):
         from .io import save
 
         take = self.load(self.file)
-        print(f"units of {self.file.name}: {take.units.why}")
         print(f"written: {save(take, self.output, force=self.force)}")
         return 0
 

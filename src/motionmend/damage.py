@@ -92,8 +92,8 @@ def plant_and_tell(
     dropout : the share of single samples that are lost, drawn independently: NaN in points; in channels the
         sample repeats the one before it, which is how exporters write a frame that a sensor missed.
     noise : standard deviation in metres, per axis. In points it is added to the coordinates; in channels to
-        the root's position, and every turn is disturbed so that the far end of the joint's longest bone moves
-        by about that much (noise over bone length, in radians, per axis).
+        the root's position, and every turn is disturbed so that the furthest end of what hangs on the joint
+        moves by about that much (noise over that length, in radians, per axis).
     size : length of the offsets of `jump` and `displaced`: metres for points, radians for turns. Roots of a
         rig are shifted by `size` metres instead of turned.
     seed : for everything that is drawn.
@@ -203,13 +203,14 @@ def _directions(rng: np.random.Generator, count: int) -> Array:
 
 
 def _reach(rig: Rig) -> Array:
-    """`(joints,)` metres from each joint to the far end of its longest bone; 0.1 where it has none."""
+    """`(joints,)` metres along the bones from each joint to the furthest end of what hangs on it; at least 0.05."""
     reach = np.zeros(len(rig.skeleton))
-    bones = [*zip(rig.skeleton.parents, rig.offsets), *rig.ends]
-    for joint, offset in bones:
-        if joint >= 0:
-            reach[joint] = max(reach[joint], np.linalg.norm(offset))
-    return np.where(reach > 0.01, reach, 0.1)
+    for joint, offset in rig.ends:
+        reach[joint] = max(reach[joint], np.linalg.norm(offset))
+    for joint, parent in reversed(list(enumerate(rig.skeleton.parents))):
+        if parent >= 0:
+            reach[parent] = max(reach[parent], reach[joint] + np.linalg.norm(rig.offsets[joint]))
+    return np.maximum(reach, 0.05)
 
 
 def mirrored_pairs(names: Sequence[str]) -> list[tuple[int, int]]:

@@ -163,29 +163,34 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
     """Findings in the numbers that are there, and the mask of those to replace."""
     bad = np.zeros(take.trusted.shape, bool)
     findings: list[Finding] = []
-    if first := calibration_frames(tracks, take.fps):
-        detail = f"a pose that the take leaves at once in frame {first}; it is left as it is"
-        findings.append(_finding(take, "t-pose", range(len(take.skeleton)), 0, first, 0.9, detail))
-        for track in tracks:
-            track.values[:first] = np.nan
-
-    findings += _held(take, tracks, bad)
+    if not tracks:
+        return findings, bad
+    everyone = range(len(take.skeleton))
+    copied = np.stack([copies(track.values) for track in tracks], axis=1)
+    still = np.logical_and.reduce(copied, axis=1)
+    if len(runs(still)) > 0.05 * len(take):
+        detail = f"{100 * still.mean():.0f} % of the frames repeat the one before: made from a lower rate"
+        findings.append(_finding(take, "held", everyone, 0, len(take), 0.3, detail))
+    else:
+        if first := calibration_frames(tracks, take.fps):
+            detail = f"a pose that the take leaves at once in frame {first}; it is left as it is"
+            findings.append(_finding(take, "t-pose", everyone, 0, first, 0.9, detail))
+            copied[: first + 1] = False
+            for track in tracks:
+                track.values[:first] = np.nan
+        findings += _held(take, tracks, copied, bad)
+        findings += _noise(take, tracks)
     for swap in _swaps(take, tracks):
         findings.append(swap)
         _exchange_tracks(tracks, swap)
     for track in tracks:
         track.values[bad[:, track.joint]] = np.nan
     findings += _torn(take, tracks, bad)
-    findings += _noise(take, tracks)
     return findings, bad
 
 
-def _held(take: Take, tracks: list[Track], bad: Array) -> list[Finding]:
+def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Finding]:
     """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks them in `bad`."""
-    if not tracks:
-        return []
-    frames = len(take)
-    copied = np.stack([copies(track.values) for track in tracks], axis=1)
     frozen = np.zeros_like(copied)
     every = []
     for number, track in enumerate(tracks):
@@ -195,17 +200,13 @@ def _held(take: Take, tracks: list[Track], bad: Array) -> list[Finding]:
     lively = copied.mean(axis=0) < 0.5
     whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1)
     findings = []
-    if len(runs(whole)) > 0.05 * frames:
-        detail = f"{100 * whole.mean():.0f} % of the frames repeat the one before: made from a lower rate"
-        findings.append(_finding(take, "held", range(len(take.skeleton)), 0, frames, 0.3, detail))
-    else:
-        for start, stop in runs(whole):
-            if frozen[start:stop, lively].any(axis=0).mean() > 0.3:
-                # A take that ends, or begins, with a still may be meant so.
-                certainty = 0.95 if stop < frames and start > 1 else 0.5
-                bad[start:stop] = certainty >= CERTAIN
-                detail = f"every joint repeats frame {start - 1}"
-                findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
+    for start, stop in runs(whole):
+        if frozen[start:stop, lively].any(axis=0).mean() > 0.3:
+            # A take that ends, or begins, with a still may be meant so.
+            certainty = 0.95 if stop < len(take) and start > 1 else 0.5
+            bad[start:stop] = certainty >= CERTAIN
+            detail = f"every joint repeats frame {start - 1}"
+            findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
     scattered = np.zeros_like(bad)
     stretches: dict[tuple[int, int], list[tuple[int, float]]] = {}
     for joint, start, stop, certainty in every:

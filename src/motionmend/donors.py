@@ -28,11 +28,13 @@ class Chart:
     """Moving coordinates for one gap.
 
     donors : the joints it moves with.
-    samples `(frames, 3)` : the missing joint, where it is observed, in these coordinates.
+    frames `(samples,)` : where the missing joint and the donors are observed.
+    samples `(samples, 3)` : the missing joint there, in these coordinates.
     outward : `(gap frames, 3)` in these coordinates -> positions.
     """
 
     donors: tuple[int, ...]
+    frames: Array
     samples: Array
     outward: Callable[[Array], Array]
 
@@ -48,12 +50,10 @@ def pattern_chart(
 ) -> Chart | None:
     """The difference to the one candidate to which it is the steadiest around the gap.
 
-    frames : `(samples,)` where the joint is observed and wanted in the chart. candidates : `(joints,)` bool,
+    frames : `(samples,)` where the joint is observed, near the gap. candidates : `(joints,)` bool,
     observed from seam to seam. None if no candidate halves the joint's own variation.
     """
     judged = near(motion.observed[:, joint], start, stop, max(2, round(JUDGE_SECONDS * motion.fps)))
-    candidates = candidates & np.all(motion.observed[frames], axis=0)
-    candidates[joint] = False
     own = motion.positions[judged, joint].astype(np.float64)
     chosen, best = -1, STEADIER * _spread(own)
     for candidate in np.flatnonzero(candidates):
@@ -63,9 +63,9 @@ def pattern_chart(
             chosen, best = int(candidate), spread
     if chosen < 0:
         return None
-    donor = motion.positions[:, chosen]
+    donor, frames = motion.positions[:, chosen], frames[motion.observed[frames, chosen]]
     samples = motion.positions[frames, joint].astype(np.float64) - donor[frames]
-    return Chart((chosen,), samples, lambda inside: inside + donor[start:stop])
+    return Chart((chosen,), frames, samples, lambda inside: inside + donor[start:stop])
 
 
 def _spread(vectors: Array) -> float:
@@ -85,9 +85,6 @@ def rigid_chart(
     """
     positions, reach = motion.positions, max(2, round(JUDGE_SECONDS * motion.fps))
     judged = near(motion.observed[:, joint], start, stop, reach)
-    candidates = candidates & np.all(motion.observed[frames], axis=0)
-    candidates[joint] = False
-    seams = frames[(frames == start - 1) | (frames == stop)]
 
     ranked = []
     for candidate in np.flatnonzero(candidates):
@@ -106,13 +103,19 @@ def rigid_chart(
     if len(chosen) < 3:
         return None
 
+    seams = frames[(frames == start - 1) | (frames == stop)]
     shape = _shape(positions[np.ix_(seams, chosen)].astype(np.float64))
     if np.linalg.svd(shape, compute_uv=False)[1] < FLAT_METRES * np.sqrt(len(chosen)):
         return None
+    frames = frames[np.all(motion.observed[np.ix_(frames, chosen)], axis=1)]
     turn, centre = _pose(shape, positions[np.ix_(frames, chosen)].astype(np.float64))
     samples = np.einsum("fji,fj->fi", turn, positions[frames, joint] - centre)
     gap_turn, gap_centre = _pose(shape, positions[start:stop, chosen].astype(np.float64))
-    return Chart(tuple(chosen), samples, lambda inside: np.einsum("fij,fj->fi", gap_turn, inside) + gap_centre)
+
+    def outward(inside: Array) -> Array:
+        return np.einsum("fij,fj->fi", gap_turn, inside) + gap_centre
+
+    return Chart(tuple(chosen), frames, samples, outward)
 
 
 def _shape(points: Array) -> Array:

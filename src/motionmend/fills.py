@@ -9,7 +9,7 @@ went on, so with one, edges of any length are filled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,17 +91,17 @@ class DonorFill(Fill):
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         method, donors = gaps.method.copy(), {}
-        for row, chart, seen in self.charts(motion, gaps):
+        for row, chart in self.charts(motion, gaps):
             start, stop, joint = gaps.start[row], gaps.stop[row], gaps.joint[row]
-            weights = CURVES[self.curve].across(int(stop - start), seen - (start - 1), motion.fps)
+            weights = CURVES[self.curve].across(int(stop - start), chart.frames - (start - 1), motion.fps)
             out[start:stop, joint] = chart.outward(weights @ chart.samples)
             method[row], donors[row] = self.name, chart.donors
         rest = np.flatnonzero(method == gaps.method)
         method[rest] = self.otherwise.fill_gaps(out, motion, gaps.pick(rest)).method
         return replace(gaps, method=method, donors=donors)
 
-    def charts(self, motion: Motion, gaps: Gaps):
-        """For each gap that has donors: its row, its Chart, and the frames `(samples,)` the chart holds."""
+    def charts(self, motion: Motion, gaps: Gaps) -> Iterator[tuple[int, Chart]]:
+        """For each gap that has donors, its row and its Chart."""
         allowed = np.zeros(len(motion.skeleton), bool)
         allowed[[motion.skeleton.index(name) for name in self.donors] or slice(None)] = True
         hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
@@ -112,7 +112,7 @@ class DonorFill(Fill):
             seen = near(motion.observed[:, joint], start, stop, reach)
             chart = self.chart(motion, joint, start, stop, seen, allowed & through)
             if chart is not None:
-                yield row, chart, seen
+                yield row, chart
 
 
 FILLS: dict[str, Fill] = {
@@ -120,5 +120,5 @@ FILLS: dict[str, Fill] = {
     "hermite": CurveFill("hermite"),
     "cubic": CurveFill("cubic"),
     "pattern": DonorFill("pattern", pattern_chart),
-    "rigid": DonorFill("rigid", rigid_chart),
+    "rigid": DonorFill("rigid", rigid_chart, curve="linear"),
 }

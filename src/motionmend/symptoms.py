@@ -177,13 +177,15 @@ def exchange_costs(left: Track, right: Track, fps: float) -> tuple[Array, Array]
     if len(at) < 4:
         return kept, other
     sides = [track.values[at] for track in (left, right)]
-    ends = [side[1:-2] + 0.5 * (side[1:-2] - side[:-3]) for side in sides]
-    starts = [side[2:-1] - 0.5 * (side[3:] - side[2:-1]) for side in sides]
+    apart_by = np.diff(at)[:, None]  # frames; more than one where some are missing
+    half = 0.5 * apart_by[1:-1]
+    ends = [side[1:-2] + half * (side[1:-2] - side[:-3]) / apart_by[:-2] for side in sides]
+    starts = [side[2:-1] - half * (side[3:] - side[2:-1]) / apart_by[2:] for side in sides]
 
     def apart(a: Array, b: Array) -> Array:
         return np.minimum(_length(a - b), _length(a + b)) if left.turns else _length(a - b)
 
-    near = np.diff(at)[1:-1] <= max(1, round(0.1 * fps))
+    near = apart_by[1:-1, 0] <= max(1, round(0.1 * fps))
     seams = at[2:-1][near]
     kept[seams] = (apart(ends[0], starts[0]) + apart(ends[1], starts[1]))[near]
     other[seams] = (apart(ends[0], starts[1]) + apart(ends[1], starts[0]))[near]

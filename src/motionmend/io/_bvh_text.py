@@ -119,7 +119,8 @@ class Reader:
                         order += "XYZ"[axis]
                         turns.append(tree.columns)
                     elif any(axis == other for _, other, _ in tree.shifts[first:]):
-                        raise InputError(f"two {'XYZ'[axis]}position channels in one joint", where=self.where(keyword_at))
+                        found = f"two {'XYZ'[axis]}position channels in one joint"
+                        raise InputError(found, where=self.where(keyword_at))
                     else:
                         tree.shifts.append((joint, axis, tree.columns))
                     tree.columns += 1

@@ -174,6 +174,8 @@ class _Table:
 
     def _row(self, line: bytes, where: Callable[[], str]) -> tuple[float, list[float]]:
         cells = (line.replace(b",", b".") if self.comma else line).split(self.separator)
+        if not cells[0].strip():
+            raise InputError("the row has no frame number", where=where(), expected="Frame#, Time, coordinates")
         _text.number(cells[0].strip(), where)
         time = _text.number(cells[1].strip(), where) if len(cells) > 1 and cells[1].strip() else math.nan
         while not cells[-1].strip() and len(cells) > 2 + self.columns:

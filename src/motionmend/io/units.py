@@ -100,6 +100,8 @@ def resolve(
         unit, unit_why = SPELLINGS[hints.unit.lower()], "as you said"
     elif said_unit and said_unit.strip().lower() in SPELLINGS:
         unit, unit_why = SPELLINGS[said_unit.strip().lower()], "as the file says"
+        if stature and not 0.8 <= stature * METRES[unit] <= 2.6:
+            unit_why += f", though that makes the body {stature * METRES[unit]:.3g} m tall; set --unit if it is wrong"
     elif stature:
         # A person is 1 to 2.2 m tall; of the units that make one, the likeliest is nearest to 1.7 m, and
         # a unit in common use is preferred to a rarer one that fits about as well.

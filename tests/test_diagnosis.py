@@ -1,0 +1,377 @@
+"""Planted damage is found for what it is; what is good is not accused."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motionmend.damage import mirrored_pairs, plant, plant_and_tell
+from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose, told, unswap
+from motionmend.io import load
+from motionmend.motion import Motion, Skeleton, Take
+from motionmend.symptoms import noise_level
+from test_damage import NAMES, UNITS, point_take, rig_take
+
+
+def cloud_of(positions: np.ndarray, fps: float = 120.0, names: tuple[str, ...] | None = None) -> Take:
+    names = names or tuple(f"M{number}" for number in range(positions.shape[1]))
+    observed = np.isfinite(positions).all(axis=-1)
+    motion = Motion(positions.astype(np.float32), observed, fps, Skeleton.cloud(names))
+    return Take(motion, None, None, UNITS, "npz", "made up")
+
+
+def marker_cloud(frames: int = 600, markers: int = 8, fps: float = 100.0, seed: int = 0) -> Take:
+    """Unnamed markers on smooth random ways, as fast as a person's."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(frames)[:, None, None] / fps
+    ways = sum(
+        rng.uniform(0.02, 0.3 / rate, (markers, 3)) * np.sin(2 * np.pi * rate * time + rng.uniform(0, 6, (markers, 3)))
+        for rate in (0.3, 0.7, 1.3, 2.1)
+    )
+    return cloud_of(ways + rng.uniform(-1, 1, (markers, 3)), fps)
+
+
+def causes(diagnosis: Diagnosis) -> set[str]:
+    return {finding.cause for finding in diagnosis.findings}
+
+
+def only(diagnosis: Diagnosis, cause: str):
+    found = [finding for finding in diagnosis.findings if finding.cause == cause]
+    assert len(found) == 1, diagnosis.findings
+    return found[0]
+
+
+KINDS = pytest.mark.parametrize("make", [rig_take, point_take], ids=["channels", "points"])
+
+
+# What is good -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 60.0, 120.0, 250.0])
+@KINDS
+def test_smooth_movement_is_not_accused(make, fps):
+    for seed in range(4):
+        diagnosis = diagnose(make(int(6 * fps), fps, seed=seed))
+        assert not diagnosis.findings and not diagnosis.untrusted.any()
+
+
+@pytest.mark.parametrize("decimals", [1, 2, 3, 4])
+def test_slow_movement_written_with_few_decimals_is_not_held(decimals):
+    """Millimetres with so many decimals, of a person who stands and sways by 4 mm."""
+    time = np.arange(3000)[:, None, None] / 120.0
+    phase = np.random.default_rng(1).uniform(0, 6, (10, 3))
+    sway = 4 * np.sin(2 * np.pi * 0.2 * time + phase) + 1000
+    diagnosis = diagnose(cloud_of(np.round(sway, decimals) / 1000))
+    assert not diagnosis.untrusted.any(), diagnosis.findings
+
+
+def test_slow_channels_written_with_few_decimals_are_not_held():
+    """Degrees with two decimals, a joint that turns by 3 degrees in five seconds."""
+    take = rig_take(1200)
+    assert take.rig is not None
+    degrees = np.round(1.5 * np.sin(2 * np.pi * 0.1 * np.arange(1200) / 120.0 + np.arange(5)[:, None]), 2).T
+    half = np.radians(degrees) / 2
+    rotations = np.zeros((1200, 5, 4))
+    rotations[..., 0], rotations[..., 3] = np.sin(half), np.cos(half)
+    diagnosis = diagnose(take.with_rig(replace(take.rig, rotations=rotations)))
+    assert not diagnosis.untrusted.any(), diagnosis.findings
+
+
+def test_channels_that_never_move_are_not_held():
+    take = rig_take(400)
+    assert take.rig is not None
+    rotations = take.rig.rotations.copy()
+    rotations[:, 2] = [0, 0, 0, 1]
+    assert not diagnose(take.with_rig(replace(take.rig, rotations=rotations))).findings
+
+
+def test_a_knee_that_rests_against_its_limit_is_not_held():
+    take = rig_take(600)
+    assert take.rig is not None
+    angle = np.maximum(np.sin(2 * np.pi * 1.1 * np.arange(600) / 120.0), 0.1)
+    rotations = take.rig.rotations.copy()
+    rotations[:, 2] = np.stack([np.sin(angle / 2), 0 * angle, 0 * angle, np.cos(angle / 2)], axis=-1)
+    assert not diagnose(take.with_rig(replace(take.rig, rotations=rotations))).untrusted.any()
+
+
+def test_euler_wrap_and_quaternion_signs_are_no_jumps():
+    take = rig_take(480)
+    assert take.rig is not None
+    # A pirouette: three whole turns, whose angle wraps at 180 degrees and whose quaternion changes its sign.
+    angle = 3 * 2 * np.pi * np.arange(480) / 480
+    wrapped = (angle + np.pi) % (2 * np.pi) - np.pi
+    rotations = take.rig.rotations.copy()
+    rotations[:, 0] = np.stack([0 * angle, np.sin(wrapped / 2), 0 * angle, np.cos(wrapped / 2)], axis=-1)
+    assert not diagnose(take.with_rig(replace(take.rig, rotations=rotations))).findings
+
+
+def test_a_take_made_from_a_lower_rate_is_told_and_not_replaced():
+    take = point_take(150, 30.0)
+    repeated = cloud_of(np.repeat(take.motion.positions, 4, axis=0), 120.0)
+    diagnosis = diagnose(repeated)
+    assert only(diagnosis, "held").certainty < CERTAIN
+    assert not diagnosis.untrusted.any()
+
+
+def test_a_take_that_ends_with_a_still_is_not_replaced():
+    take = point_take(300)
+    still = np.concatenate([take.motion.positions, np.repeat(take.motion.positions[-1:], 60, axis=0)])
+    assert not diagnose(cloud_of(still)).untrusted.any()
+
+
+# What is not ------------------------------------------------------------------------------------------------
+
+
+def test_missing_points_are_told_apart():
+    take = point_take(600)
+    mask = np.zeros((600, 5), bool)
+    mask[100:140] = True
+    mask[200:260, [1, 2]] = True
+    mask[[300, 320, 340], [0, 3, 4]] = True
+    positions = np.where(mask[..., None], np.nan, take.motion.positions)
+    diagnosis = diagnose(cloud_of(positions, 120.0, NAMES))
+    assert np.array_equal(diagnosis.untrusted, mask)
+    gap, lost, dropout = (only(diagnosis, cause) for cause in ("gap", "lost", "dropout"))
+    assert (gap.start, gap.stop, gap.joints) == (100, 140, NAMES)
+    assert (lost.start, lost.stop, lost.joints) == (200, 260, ("LeftUpLeg", "LeftLeg"))
+    assert (dropout.start, dropout.stop, dropout.joints) == (300, 341, ("Hips", "RightUpLeg", "RightLeg"))
+    assert causes(diagnosis) == {"gap", "lost", "dropout"}
+
+
+@KINDS
+def test_a_held_joint_is_found_to_the_frame(make):
+    damaged, truth = plant_and_tell(make(600), held=[([3], 200, 230)])
+    diagnosis = diagnose(damaged)
+    held = only(diagnosis, "held")
+    assert (held.start, held.stop, held.joints) == (200, 230, ("RightUpLeg",))
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+
+
+def test_a_gap_in_channels_is_a_pose_that_freezes():
+    damaged, truth = plant_and_tell(rig_take(600), gaps=[(200, 260)])
+    diagnosis = diagnose(damaged)
+    gap = only(diagnosis, "gap")
+    assert (gap.start, gap.stop) == (200, 260)
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+
+
+def test_single_repeated_samples_are_dropouts():
+    damaged, truth = plant_and_tell(rig_take(600), dropout=0.03, seed=2)
+    diagnosis = diagnose(damaged)
+    assert "dropout" in causes(diagnosis)
+    assert (diagnosis.untrusted & truth.mask).sum() > 0.9 * truth.mask.sum()
+    assert not (diagnosis.untrusted & ~truth.mask).any()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+@pytest.mark.parametrize("fps", [30.0, 120.0])
+@KINDS
+def test_a_jump_is_found_to_the_frame_and_accuses_no_other_joint(make, frames, fps):
+    damaged, truth = plant_and_tell(make(int(5 * fps), fps), jump=[([1], 60, 60 + frames)], size=0.4)
+    diagnosis = diagnose(damaged)
+    jump = only(diagnosis, "jump")
+    assert (jump.start, jump.stop, jump.joints) == (60, 60 + frames, ("LeftUpLeg",))
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+
+
+@KINDS
+def test_a_displaced_joint_is_found_to_the_frame(make):
+    damaged, truth = plant_and_tell(make(600), displaced=[([3], 300, 340)], size=0.3)
+    diagnosis = diagnose(damaged)
+    displaced = only(diagnosis, "displaced")
+    assert (displaced.start, displaced.stop) == (300, 340)
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+
+
+@KINDS
+def test_a_step_that_is_not_undone_is_told_and_not_replaced(make):
+    diagnosis = diagnose(plant(make(600), jump=[([3], 300, 600)], size=0.3))
+    step = only(diagnosis, "jump")
+    assert (step.start, step.joints) == (300, ("RightUpLeg",)) and step.certainty < CERTAIN
+    assert not diagnosis.untrusted.any()
+
+
+@KINDS
+def test_a_swap_is_found_and_exchanged_back_to_the_last_bit(make):
+    take = make(600)
+    damaged = plant(take, swap=[([1, 2], 250, 310)])
+    assert damaged.motion.positions.tobytes() != take.motion.positions.tobytes()
+    diagnosis = diagnose(damaged)
+    swap = only(diagnosis, "swap")
+    assert (swap.start, swap.stop, swap.indices) == (250, 310, (1, 3, 2, 4)) and swap.certainty >= CERTAIN
+    assert not diagnosis.untrusted.any()
+    back = unswap(damaged, swap)
+    assert back.motion.positions.tobytes() == take.motion.positions.tobytes()
+    if take.rig is not None and back.rig is not None:
+        assert back.rig.rotations.tobytes() == take.rig.rotations.tobytes()
+
+
+def test_a_swap_after_an_occlusion_is_found():
+    take = point_take(600)
+    damaged = plant(plant(take, swap=[([2], 250, 310)]), lost=[([2, 4], 246, 254)])
+    swap = only(diagnose(damaged), "swap")
+    assert swap.indices == (2, 4) and swap.stop == 310 and 246 <= swap.start <= 254
+
+
+@pytest.mark.parametrize("level", [0.003, 0.01])
+def test_noise_is_told_with_its_level_and_not_replaced(level):
+    diagnosis = diagnose(plant(point_take(1200), noise=level))
+    told_level = float(only(diagnosis, "noise").detail.split()[1])
+    assert told_level == pytest.approx(1000 * level, rel=0.1)
+    assert not diagnosis.untrusted.any()
+
+
+def test_noise_level_is_that_of_the_noise_and_not_of_the_movement():
+    rng = np.random.default_rng(0)
+    movement = np.sin(2 * np.pi * 2 * np.arange(2000) / 120.0)[:, None] * [0.3, 0.2, 0.1]
+    assert noise_level(movement) == 0
+    assert noise_level(movement + rng.normal(0, 0.004, movement.shape)) == pytest.approx(0.004, rel=0.15)
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_a_calibration_pose_in_front_is_told_and_not_replaced(frames):
+    take = rig_take(300)
+    assert take.rig is not None
+    rotations = take.rig.rotations.copy()
+    rotations[:frames] = [0.5, 0.5, 0.5, 0.5]
+    diagnosis = diagnose(take.with_rig(replace(take.rig, rotations=rotations)))
+    pose = only(diagnosis, "t-pose")
+    assert (pose.start, pose.stop) == (0, frames)
+    assert causes(diagnosis) == {"t-pose"} and not diagnosis.untrusted.any()
+
+
+def test_markers_without_names_or_bones_are_judged_too():
+    take = marker_cloud()
+    assert not diagnose(take).findings
+    damaged, truth = plant_and_tell(
+        take, lost=[([2], 100, 150)], held=[([5], 300, 330)], jump=[([1], 400, 402)], size=0.2
+    )
+    diagnosis = diagnose(damaged)
+    assert causes(diagnosis) == {"lost", "held", "jump"}
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+
+
+def test_what_is_told_has_names_and_plain_numbers():
+    finding = only(diagnose(plant(rig_take(600), held=[([3], 200, 230)])), "held")
+    facts = told(finding)
+    assert facts["joints"] == ("RightUpLeg",) and set(facts) == {
+        "cause", "joints", "start", "stop", "certainty", "detail",
+    }  # fmt: skip
+    assert all(type(facts[name]) in (int, float) for name in ("start", "stop", "certainty"))
+
+
+# Edges ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frames", range(9))
+@KINDS
+def test_short_takes(make, frames):
+    take = make(20)
+    cut = slice(0, frames)
+    if take.rig is None:
+        motion = replace(take.motion, positions=take.motion.positions[cut], observed=take.motion.observed[cut])
+        take = take.with_motion(motion)
+    else:
+        rig = replace(
+            take.rig,
+            rotations=take.rig.rotations[cut],
+            translations=take.rig.translations[cut],
+            trusted=take.rig.trusted[cut],
+        )
+        take = take.with_rig(rig)
+    diagnosis = diagnose(take)
+    assert diagnosis.untrusted.shape == (frames, 5) and not diagnosis.untrusted.any()
+
+
+def test_all_missing_is_one_gap():
+    diagnosis = diagnose(cloud_of(np.full((50, 4, 3), np.nan)))
+    gap = only(diagnosis, "gap")
+    assert (gap.start, gap.stop) == (0, 50) and diagnosis.untrusted.all() and len(diagnosis.findings) == 1
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), share=st.floats(0, 1), frames=st.integers(1, 40))
+def test_missing_samples_never_crash_warn_or_get_trusted(seed, share, frames):
+    rng = np.random.default_rng(seed)
+    positions = rng.normal(size=(frames, 4, 3)).cumsum(axis=0) * 0.01
+    positions[rng.random((frames, 4)) < share] = np.nan
+    names = ("LHand", "RHand", "LFoot", "RFoot")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        diagnosis = diagnose(cloud_of(positions, 60.0, names))
+        rig = rig_take(frames)
+        diagnosis_of_rig = diagnose(rig.distrust(rng.random((frames, 5)) < share))
+    assert diagnosis.untrusted[np.isnan(positions).all(axis=-1)].all()
+    assert diagnosis_of_rig.untrusted.shape == (frames, 5)
+    for finding in diagnosis.findings:
+        assert 0 <= finding.start < finding.stop <= frames and 0 <= finding.certainty <= 1
+
+
+def test_diagnosis_writes_into_nothing():
+    for take in (rig_take(200), point_take(200)):
+        damaged = plant(take, held=[([1], 50, 60)], jump=[([2], 90, 91)], swap=[([1], 120, 150)])
+        bits = damaged.motion.positions.tobytes()
+        rotations = b"" if damaged.rig is None else damaged.rig.rotations.tobytes()
+        diagnose(damaged)
+        assert damaged.motion.positions.tobytes() == bits
+        assert damaged.rig is None or damaged.rig.rotations.tobytes() == rotations
+
+
+# Real captures ----------------------------------------------------------------------------------------------
+
+VALIDATION = ("06/06_02.bvh", "16/16_15.amc", "16/16_35.amc", "16/16_04.amc")
+
+
+def as_points(take: Take) -> Take:
+    return cloud_of(take.motion.positions, take.fps, take.skeleton.names)
+
+
+@pytest.mark.parametrize("name", VALIDATION)
+@pytest.mark.parametrize("kind", ["channels", "points"])
+def test_damage_in_real_movement(cmu, name, kind):
+    take = load(cmu / name, fps=120.0)
+    if kind == "points":
+        take = as_points(take)
+    known = diagnose(take).untrusted  # these captures have a few glitches of their own
+    assert known.mean() <= 0.01
+    arm = next(pair for pair in mirrored_pairs(take.skeleton.names) if "umerus" in take.skeleton.names[pair[0]]
+               or "Shldr" in take.skeleton.names[pair[0]])  # fmt: skip
+    damaged, truth = plant_and_tell(
+        take, gaps=[(30, 42)], held=[([arm[0]], 60, 72)], jump=[([arm[1]], 85, 87)],
+        displaced=[([arm[0]], 95, 110)], size=0.3,
+    )  # fmt: skip
+    found = diagnose(damaged).untrusted
+    assert (found & truth.mask).sum() >= 0.95 * truth.mask.sum()
+    assert (found & ~truth.mask & ~known).sum() <= 0.02 * truth.mask.sum()
+
+
+def test_the_converters_t_pose_is_a_t_pose_and_no_jump(cmu):
+    diagnosis = diagnose(load(cmu / "06/06_02.bvh", fps=120.0))
+    assert only(diagnosis, "t-pose").stop == 1 and not diagnosis.untrusted[:4].any()
+
+
+def test_quiet_and_slow_rate_captures_are_hardly_accused(reactidle, bandai):
+    takes = sorted(reactidle.rglob("*.bvh"))[::8] + sorted(bandai.rglob("*.bvh"))[::120]
+    accused = [diagnose(load(path)).untrusted for path in takes]
+    assert sum(mask.sum() for mask in accused) <= 0.0005 * sum(mask.size for mask in accused)
+
+
+@pytest.mark.slow
+def test_clean_captures_are_hardly_accused(cmu):
+    table = cmu.parent / "cmu.csv"
+    if not table.is_file():
+        table = cmu.parents[1] / "shared" / "data" / "cmu.csv"
+    if not table.is_file():
+        pytest.skip("the table of trials is not at hand")
+    with table.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["split"] == "validation"]
+    takes = [load(cmu / row["file"], fps=float(row["fps"])) for row in rows]
+    for kind in (takes, [as_points(take) for take in takes]):
+        accused = [diagnose(take).untrusted for take in kind]
+        assert sum(mask.sum() for mask in accused) <= 0.002 * sum(mask.size for mask in accused)
