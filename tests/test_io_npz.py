@@ -130,6 +130,13 @@ def test_a_new_archive_of_another_take_reads_the_same(tmp_path):
     assert "m (as the file says), y up (as the file says)" in again.units.why
 
 
+def test_infinite_and_absurd_numbers_are_missing(tmp_path):
+    positions = np.ones((4, 1, 3))
+    positions[1, 0, 0], positions[2, 0, 1], positions[3, 0, 2] = np.inf, 1e300, np.nan
+    take = mm.load(saved(tmp_path, positions=positions, fps=30))
+    assert take.motion.observed[:, 0].tolist() == [True, False, False, False]
+
+
 def test_names_may_be_bytes_or_absent(tmp_path):
     positions = np.zeros((2, 2, 3)) + 1
     take = mm.load(saved(tmp_path, positions=positions, fps=[30], names=np.array([b"H\xc3\xa9", b"b"])))

@@ -88,7 +88,7 @@ def _savgol(fps: float, window: float) -> Smooth:
 
     if not (np.isfinite(window) and window > 0):
         raise InputError(f"a window of {window:g} s", expected="a time above 0")
-    width = max(2 * round(window * fps / 2) + 1, SAVGOL_ORDER + 2)
+    width = max(2 * int(window * fps / 2 + 1e-6) + 1, SAVGOL_ORDER + 2)
 
     def smooth(samples: Array) -> Array:
         fitting = min(width, len(samples) - 1 + len(samples) % 2)  # the largest odd number of frames there are

@@ -95,7 +95,7 @@ def rigid_chart(
     through = np.arange(max(start - 1, 0), min(stop + 1, len(motion)))
     chosen: list[int] = []
     for _, candidate in sorted(ranked):
-        apart = positions[through, candidate, None].astype(np.float64) - positions[np.ix_(through, chosen)]
+        apart = positions[through, candidate, None].astype(np.float64) - positions[through][:, chosen]
         if np.all(np.std(np.linalg.norm(apart, axis=-1), axis=0) < RIGID_METRES):
             chosen.append(candidate)
         if len(chosen) == RIGID_DONORS:
@@ -104,11 +104,11 @@ def rigid_chart(
         return None
 
     seams = frames[(frames == start - 1) | (frames == stop)]
-    shape = _shape(positions[np.ix_(seams, chosen)].astype(np.float64))
+    shape = _shape(positions[seams][:, chosen].astype(np.float64))
     if np.linalg.svd(shape, compute_uv=False)[1] < FLAT_METRES * np.sqrt(len(chosen)):
         return None
-    frames = frames[np.all(motion.observed[np.ix_(frames, chosen)], axis=1)]
-    turn, centre = _pose(shape, positions[np.ix_(frames, chosen)].astype(np.float64))
+    frames = frames[np.all(motion.observed[frames][:, chosen], axis=1)]
+    turn, centre = _pose(shape, positions[frames][:, chosen].astype(np.float64))
     samples = np.einsum("fji,fj->fi", turn, positions[frames, joint] - centre)
     gap_turn, gap_centre = _pose(shape, positions[start:stop, chosen].astype(np.float64))
 

@@ -251,20 +251,26 @@ def tears(track: Track, fps: float) -> Iterator[Tear]:
                 used |= {inner.at for inner in seams if seam.at <= inner.at <= other.at}
                 break
     rest = [seam for seam in seams if seam.at not in used and seam.score > 2]
+    pairs = []
     for number, seam in enumerate(rest):
-        if seam.at in used:
-            continue
         # The next one of its kind must bring it back, or nothing does.
         other = next((other for other in rest[number + 1 :] if other.size > 0.5 * seam.size), None)
-        size, mismatch = (0.0, 0.0) if other is None else _offset(track, values, seam, other)
-        if other and mismatch < 0.25 * size and other.at - seam.at <= len(values) / 2:
-            certainty = _certainty(0.5 * min(seam.score, other.score))
-            # The longer it lasts, the less it can be said which side of a step is the wrong one.
-            if other.at - seam.at > LONGEST_DISPLACED * fps:
-                certainty = min(certainty, 0.5)
-            yield Tear("displaced", seam.at, other.at, certainty, size)
-            used.add(other.at)
-        else:
+        if other is not None and other.at - seam.at <= len(values) / 2:
+            size, mismatch = _offset(track, values, seam, other)
+            if mismatch < 0.25 * size:
+                pairs.append((other.at - seam.at, seam, other, size))
+    # A joint that flips to and fro is wrong in the short stretches; one seam missed must not turn that round.
+    for length, seam, other, size in sorted(pairs, key=lambda pair: pair[0]):
+        if used & {seam.at, other.at}:
+            continue
+        used |= {seam.at, other.at}
+        certainty = _certainty(0.5 * min(seam.score, other.score))
+        # The longer it lasts, the less it can be said which side of a step is the wrong one.
+        if length > LONGEST_DISPLACED * fps:
+            certainty = min(certainty, 0.5)
+        yield Tear("displaced", seam.at, other.at, certainty, size)
+    for seam in rest:
+        if seam.at not in used:
             yield Tear("step", seam.at, seam.at + 1, min(0.5, _certainty(0.5 * seam.score)), seam.size)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,7 +169,7 @@ class Reader:
         here = self.where(self.at)
         if _FRAMES not in seen:
             raise InputError("no 'Frames:' after MOTION", where=here, expected="Frames: and a number")
-        declared = number(seen[_FRAMES][1], lambda: self.where(seen[_FRAMES].start(1)))
+        declared = number(seen[_FRAMES][1], lambda: self.where(seen[_FRAMES].start(1)), math.inf)
         if hints.fps:
             return hints.fps, declared
         if _FRAME_TIME not in seen:

@@ -29,16 +29,20 @@ def line_at(raw: bytes, offset: int) -> int:
     return 1 + (raw.count(b"\n", 0, offset) or raw.count(b"\r", 0, offset))
 
 
-def number(word: bytes, where: Callable[[], str]) -> float:
+LARGEST = 1e12  # far beyond any length, angle or time in a file; what is larger overflows sooner or later
+
+
+def number(word: bytes, where: Callable[[], str], largest: float = LARGEST) -> float:
     """One finite number; InputError says what is wrong with the word, and asks `where` only then."""
-    if NUMBER.fullmatch(word):
-        value = float(word)
-        if math.isfinite(value):
-            return value
+    is_number = NUMBER.fullmatch(word)
+    if is_number and abs(float(word)) <= largest:
+        return float(word)
     shown = repr(decoded(word[:40]))
+    if is_number and math.isfinite(float(word)):
+        raise InputError(f"{shown} is absurdly large", where=where())
     if b"," in word:
         raise InputError(f"{shown} has a comma in it", where=where(), expected="decimal points and spaces")
-    if NUMBER.fullmatch(word) or word.lower().lstrip(b"+-").startswith((b"nan", b"inf", b"1.#")):
+    if is_number or word.lower().lstrip(b"+-").startswith((b"nan", b"inf", b"1.#")):
         raise InputError(f"{shown} is not a finite number", where=where(), hint="the program that wrote it failed")
     raise InputError(f"{shown} is not a number", where=where())
 
@@ -49,7 +53,7 @@ def is_numeric(block: bytes) -> bool:
 
 
 def numbers(block: bytes, count: int) -> Array | None:
-    """The `count` words of a numeric block as float64, fast; None if any of them is not a finite number.
+    """The `count` words of a numeric block as float64, fast; None if `number` would refuse any of them.
 
     np.fromstring alone is lax: it reads "1-2" as two numbers and stops early at what it does not understand.
     After `is_numeric`, a word that is read as several numbers shows in the count.
@@ -60,4 +64,5 @@ def numbers(block: bytes, count: int) -> Array | None:
             values = np.fromstring(block, sep=" ")
         except (DeprecationWarning, ValueError):
             return None
-    return values if len(values) == count and np.isfinite(values).all() else None
+    fine = len(values) == count and (count == 0 or np.abs(values).max() <= LARGEST)
+    return values if fine else None

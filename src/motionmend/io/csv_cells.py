@@ -15,6 +15,7 @@ from .csv_headers import Layout, split, words
 Array = np.ndarray
 
 BOM = b"\xef\xbb\xbf"
+LARGEST = 1e20  # nanoseconds since 1970 are 1e18; beyond lies no number that anyone meant
 CHUNK = 1 << 22  # bytes turned into numbers at a time
 MISSING = {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "nil", "missing", "-1.#ind", "1.#qnan"}
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.I)
@@ -104,7 +105,7 @@ def numbers(text: Text, rows: Array, layout: Layout, columns: list[int], comma: 
 
     Raises InputError for a line with too few or too many cells, and for a cell that is not a number.
     """
-    width = len(split(text.line(rows[0]), layout.separator))
+    width = len(split(text.line(int(rows[0])), layout.separator))
     if width <= max(columns):
         expected = f"at least {max(columns) + 1}, as the titles say"
         raise InputError(f"{width} columns", where=text.at(int(rows[0])), expected=expected)
@@ -153,7 +154,7 @@ def _fast(lines: list[bytes], separator: bytes, columns: list[int], comma: bool)
     out = np.loadtxt(
         block.decode("latin-1").split("\n"), delimiter=separator.decode(), usecols=wanted, comments=None, ndmin=2
     )
-    if len(out) != len(lines) or np.isinf(out).any():
+    if len(out) != len(lines) or (np.abs(out) > LARGEST).any():
         raise ValueError
     return out
 
@@ -166,4 +167,4 @@ def number(cell: str) -> float | None:
     if folded in _TRUTH:
         return _TRUTH[folded]
     value = float(cell) if NUMBER.fullmatch(cell) else np.inf
-    return None if np.isinf(value) else value
+    return None if abs(value) > LARGEST else value

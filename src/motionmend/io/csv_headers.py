@@ -22,6 +22,7 @@ Lines = Callable[[int, int], list[bytes]]  # the file's lines from one index to 
 
 SEPARATORS = (b"\t", b";", b",")
 SEARCHED = 60  # lines in which a header must stand
+WIDEST = 50_000  # columns; a line with more is no table of people
 
 _FRAME = re.compile(r"(sub ?)?frames?( ?(number|no|id|index|idx))?|fnum|#")
 _TIME = re.compile(
@@ -92,7 +93,7 @@ class Layout:
 
 def split(line: bytes, separator: bytes) -> list[bytes]:
     """The cells of a line as they are spelled, quotes and all; separators inside quotes do not count."""
-    if b'"' not in line:
+    if not 0 < line.count(b'"') <= 4 * WIDEST:
         return line.split(separator)
     parts = line.split(b'"')
     parts[::2] = [part.replace(separator, b"\0") for part in parts[::2]]
@@ -117,6 +118,10 @@ def understand(lines: Lines, count: int, sections: Sequence[int], where: object)
     InputError : when no columns of x, y and z can be made out.
     """
     head = lines(0, min(count, SEARCHED))
+    for at in (0, *sections[:1]):
+        for i, line in enumerate(lines(at, min(count, at + SEARCHED))):
+            if (columns := max(map(line.count, SEPARATORS)) + 1) > WIDEST:
+                raise InputError(f"{columns:,} columns", where=f"{where}:{at + i + 1}", expected=f"at most {WIDEST:,}")
     start = head[0].strip().strip(b'"').lower()
     if start.startswith(b"format version"):
         return _motive(head, where)
