@@ -14,7 +14,7 @@ test: $(VENV)/.dev
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 
 slow: $(VENV)/.dev
 	$(BIN)/pytest -n auto -m slow

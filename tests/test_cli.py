@@ -79,7 +79,8 @@ def test_named_ranges_and_a_named_report(here):
     options = ["--gap", "0.5s:0.8s", "--lost", "LeftForeArm,LeftHand:200:230", "--method", "hermite"]
     assert main(["repair", "walk.bvh", "-o", "fixed.bvh", *options, "--report", "said.json"]) == 0
     fills = json.loads(Path("said.json").read_text())["fills"]
-    assert [(fill["start"], fill["stop"], fill["method"]) for fill in fills] == [(60, 96, "hermite"), (200, 230, "hermite")]
+    told = [(fill["start"], fill["stop"], fill["method"]) for fill in fills]
+    assert told == [(60, 96, "hermite"), (200, 230, "hermite")]
     assert not Path("fixed.report.json").exists()
 
 

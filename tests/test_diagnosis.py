@@ -122,6 +122,9 @@ def test_a_take_that_ends_with_a_still_is_not_replaced():
     take = point_take(300)
     still = np.concatenate([take.motion.positions, np.repeat(take.motion.positions[-1:], 60, axis=0)])
     assert not diagnose(cloud_of(still)).untrusted.any()
+    # Nor are the other joints when one of them is damaged in the still.
+    damaged, truth = plant_and_tell(cloud_of(still), jump=[([2], 330, 332)])
+    assert np.array_equal(diagnose(damaged).untrusted, truth.mask)
 
 
 # What is not ------------------------------------------------------------------------------------------------

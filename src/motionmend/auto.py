@@ -33,9 +33,9 @@ LIMB_SHARE, EXTREMITY_SHARE = 2 / 3, 1 / 4
 # kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
 WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "body": {0: ((np.inf, "hermite"),)},
-    "limb": {0: ((np.inf, "hermite"),)},
+    "limb": {0: ((1.0, "hermite"), (np.inf, "linear"))},
     "lower limb": {0: ((0.6, "hermite"), (np.inf, "rigid"))},
-    "extremity": {0: ((0.4, "pattern"), (np.inf, "rigid"))},
+    "extremity": {0: ((0.2, "pattern"), (np.inf, "rigid"))},
     "all points": {0: ((np.inf, "hermite"),)},
     "joints": {0: ((np.inf, "hermite"),), 1: ((0.4, "hermite"), (np.inf, "pattern"))},
     "markers": {0: ((np.inf, "hermite"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},

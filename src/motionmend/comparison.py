@@ -104,7 +104,11 @@ def compare(reference: Take, other: Take, frames: Range | None = None) -> Compar
 
     root = _root(reference.skeleton, reference.motion.positions, names)
     skeleton = _shared_bones(reference.skeleton, names)
-    whole = [np.where(mask[..., None], points, np.nan) for points in (truth, guess)]
+    first, second = (np.where(mask[..., None], points, np.nan) for points in (truth, guess))
+    bones, change = None, None
+    if skeleton.has_bones:
+        bones = metrics.limb_sigma(first, skeleton.parents), metrics.limb_sigma(second, skeleton.parents)
+        change = metrics.bone_length_change(first, second, skeleton.parents)
     return Comparison(
         reference=Path(reference.source).name,
         other=Path(other.source).name,
@@ -118,9 +122,9 @@ def compare(reference: Take, other: Take, frames: Range | None = None) -> Compar
         differing_samples=int(differing.sum()),
         differing_frames=int(differing.any(axis=1).sum()),
         missing=(int((~seen[0]).sum()), int((~seen[1]).sum())),
-        bones=None if not skeleton.has_bones else tuple(metrics.limb_sigma(p, skeleton.parents) for p in whole),
-        bone_change=None if not skeleton.has_bones else metrics.bone_length_change(*whole, skeleton.parents),
-        jitter=tuple(metrics.jitter(points, reference.fps) for points in whole),
+        bones=bones,
+        bone_change=change,
+        jitter=(metrics.jitter(first, reference.fps), metrics.jitter(second, reference.fps)),
         only_in_reference=[name for name in reference.skeleton.names if name not in names],
         only_in_other=[name for name in other.skeleton.names if name not in names],
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -50,12 +51,17 @@ def velocity(times: Array, seam: float) -> Array:
     Least-squares polynomial of degree VELOCITY_DEGREE (or less, where there are fewer samples) that passes
     through the seam's sample.
     """
-    away = times - seam
-    others = away != 0
-    weights = np.zeros(len(times))
+    return _velocity(tuple((times - seam).tolist()))
+
+
+@lru_cache(maxsize=4096)  # many gaps have the same context on one side
+def _velocity(away: tuple[float, ...]) -> Array:
+    distance = np.array(away, float)
+    others = distance != 0
+    weights = np.zeros(len(away))
     if np.any(others):
         powers = np.arange(1, min(VELOCITY_DEGREE, int(others.sum())) + 1)
-        weights[others] = np.linalg.pinv(away[others, None].astype(float) ** powers)[0]
+        weights[others] = np.linalg.pinv(distance[others, None] ** powers)[0]
         weights[~others] = -weights.sum()
     return weights
 

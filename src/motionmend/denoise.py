@@ -76,7 +76,7 @@ def _butterworth(fps: float, cutoff: float) -> Smooth:
     pad = int(np.ceil(2 * fps / cutoff))
 
     def smooth(samples: Array) -> Array:
-        return sosfiltfilt(filter, samples, axis=0, padlen=min(pad, len(samples) - 1))
+        return np.asarray(sosfiltfilt(filter, samples, axis=0, padlen=min(pad, len(samples) - 1)))
 
     return smooth
 
@@ -92,7 +92,9 @@ def _savgol(fps: float, window: float) -> Smooth:
 
     def smooth(samples: Array) -> Array:
         fitting = min(width, len(samples) - 1 + len(samples) % 2)  # the largest odd number of frames there are
-        return savgol_filter(samples, fitting, SAVGOL_ORDER, axis=0) if fitting > SAVGOL_ORDER else samples
+        if fitting <= SAVGOL_ORDER:
+            return samples
+        return np.asarray(savgol_filter(samples, fitting, SAVGOL_ORDER, axis=0))
 
     return smooth
 

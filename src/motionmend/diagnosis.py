@@ -191,20 +191,21 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
 
 def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Finding]:
     """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks them in `bad`."""
-    frozen = np.zeros_like(copied)
+    frozen = np.zeros(copied.shape, np.float32)  # with what certainty
     every = []
     for number, track in enumerate(tracks):
         for start, stop, certainty in held_runs(track.values, take.fps):
             every.append((track.joint, start, stop, certainty))
-            frozen[start:stop, number] = True
+            frozen[start:stop, number] = certainty
     lively = copied.mean(axis=0) < 0.5
     whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1)
     findings = []
     for start, stop in runs(whole):
-        if frozen[start:stop, lively].any(axis=0).mean() > 0.3:
-            # A take that ends, or begins, with a still may be meant so.
-            certainty = 0.95 if stop < len(take) and start > 1 else 0.5
-            bad[start:stop] = certainty >= CERTAIN
+        certainties = frozen[start:stop, lively].max(axis=0)
+        if (certainties > 0).mean() > 0.3:
+            # A take that ends, or begins, with a still may be meant so; one that goes on in the middle is not.
+            certainty = 0.95 if (certainties >= CERTAIN).mean() > 0.3 else 0.5
+            bad[start:stop] |= certainty >= CERTAIN
             detail = f"every joint repeats frame {start - 1}"
             findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
     scattered = np.zeros_like(bad)

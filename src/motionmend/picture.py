@@ -25,7 +25,7 @@ def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None
     moved = np.linalg.norm(after.motion.positions - before.motion.positions, axis=-1)
     # A sample that was missing has moved from nowhere: count it as a limb's length.
     moved = np.where(np.isnan(moved), np.where(after.motion.observed, 0.5, 0.0), moved)
-    filled = moved > 0
+    filled = np.asarray(moved > 0)
     start, stop = max(runs(filled.any(axis=1)), key=lambda run: moved[run[0] : run[1]].sum())
     margin = max(stop - start, int(0.3 * after.fps))
     first, last = max(start - margin, 0), min(stop + margin, len(after))

@@ -11,6 +11,7 @@ import numpy as np
 from . import auto, diagnosis, feet
 from .body import map_rig, read_map
 from .constraints import checks
+from .denoise import denoise as smoothed
 from .errors import InputError, nearest_names
 from .fills import FILLS, DonorFill, Fill
 from .fitting import fit
@@ -101,7 +102,7 @@ def repair(
     notes = take.notes
     if denoise:
         stage("denoising")
-        filled = smoothed(filled, denoise, cutoff)  # noqa
+        filled = smoothed(filled, denoise, cutoff=cutoff)
         notes = (*notes, f"the whole take was denoised by {denoise}, as asked: every sample may have changed")
     report = Report(
         source=Path(take.source).name,
@@ -154,8 +155,8 @@ def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence
     for thigh, shin, foot, toe in legs:
         turning = [thigh, shin, foot]
         alone = ~before.trusted[:, turning].any(axis=1) & before.motion.observed[:, thigh]
-        where[np.ix_(alone, turning)] = True
-        follow[np.ix_(alone, [shin, foot, max(toe, foot)])] = True
+        where[:, turning] |= alone[:, None]
+        follow[:, [shin, foot, max(toe, foot)]] |= alone[:, None]
     if not where.any():
         return filled
     paths = curve.complete(before.motion)

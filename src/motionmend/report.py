@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+MOST = 40  # rows of a table that a person reads
+
 
 @dataclass(frozen=True)
 class Filled:
@@ -59,11 +61,13 @@ class Report:
         if self.findings:
             lines += ["", "found", findings_table(self.findings)]
         if self.fills:
-            rows = [(*_where(fill), fill.method, fill.why) for fill in self.fills]
+            rows = [(*_where(fill), fill.method, fill.why) for fill in _longest(self.fills)]
             lines += ["", "repaired", table(("frames", "length", "joints", "method", "why"), rows)]
+            lines += _shorter(self.fills)
         if self.left:
-            rows = [(*_where(fill), fill.why) for fill in self.left]
+            rows = [(*_where(fill), fill.why) for fill in _longest(self.left)]
             lines += ["", "left as it was", table(("frames", "length", "joints", "why"), rows)]
+            lines += _shorter(self.left)
         if self.checks:
             rows = [(name, check["text"], "ok" if check["ok"] else "LOOK") for name, check in self.checks.items()]
             lines += ["", "checks", table(("check", "value", ""), rows)]
@@ -88,24 +92,35 @@ def to_json(value: Any) -> str:
     return json.dumps(plain(value), indent=2, ensure_ascii=False)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ", most: int = 40) -> str:
-    """Aligned plain-text columns; past `most` rows it says how many more there are."""
-    rows = [tuple(map(str, row)) for row in rows]
-    shown = [tuple(head), *rows[:most]]
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ") -> str:
+    """Aligned plain-text columns."""
+    shown = [tuple(head), *(tuple(map(str, row)) for row in rows)]
     widths = [max(len(row[column]) for row in shown) for column in range(len(head))]
     lines = [indent + "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in shown]
     lines.insert(1, indent + "  ".join("─" * width for width in widths))
-    if len(rows) > most:
-        lines.append(f"{indent}… and {len(rows) - most} more (all of them in the JSON)")
     return "\n".join(lines)
 
 
-def findings_table(findings: Iterable[dict[str, Any]]) -> str:
+def findings_table(findings: Sequence[dict[str, Any]]) -> str:
+    """The findings, the surest and longest first to be shown where there are too many; in order of frames."""
+    surest = sorted(findings, key=lambda f: (-f["certainty"], f["start"] - f["stop"]))[:MOST]
     rows = (
         (f"{f['start']}:{f['stop']}", f["cause"], _some(f["joints"]), f"{f['certainty']:.2f}", f["detail"])
-        for f in findings
+        for f in sorted(surest, key=lambda f: (f["start"], f["stop"]))
     )
-    return table(("frames", "cause", "joints", "certainty", "what was seen"), rows)
+    lines = [table(("frames", "cause", "joints", "certainty", "what was seen"), rows)]
+    if len(findings) > MOST:
+        lines.append(f"  … and {len(findings) - MOST} less certain or shorter (all of them in the JSON)")
+    return "\n".join(lines)
+
+
+def _longest(fills: Sequence[Filled]) -> list[Filled]:
+    longest = sorted(fills, key=lambda fill: fill.start - fill.stop)[:MOST]
+    return sorted(longest, key=lambda fill: (fill.start, fill.stop))
+
+
+def _shorter(fills: Sequence[Filled]) -> list[str]:
+    return [f"  … and {len(fills) - MOST} shorter ones (all of them in the JSON)"] if len(fills) > MOST else []
 
 
 def _where(fill: Filled) -> tuple[str, str, str]:
