@@ -26,7 +26,7 @@ def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None
     # A sample that was missing has moved from nowhere: count it as a limb's length.
     moved = np.where(np.isnan(moved), np.where(after.motion.observed, 0.5, 0.0), moved)
     filled = np.asarray(moved > 0)
-    start, stop = max(runs(filled.any(axis=1)), key=lambda run: moved[run[0] : run[1]].sum())
+    start, stop = max(runs(np.asarray(filled.any(axis=1))), key=lambda run: moved[run[0] : run[1]].sum())
     margin = max(stop - start, int(0.3 * after.fps))
     first, last = max(start - margin, 0), min(stop + margin, len(after))
     figure = Figure(figsize=(13, 9), layout="constrained", facecolor="white")

@@ -103,29 +103,34 @@ def _stands(gaps: Gaps, whole: Array, fps: float) -> Array:
 
 def _cross_turns(turns: Array, frame: Array, rig: Rig, fps: float, gaps: Gaps, curve: Curve) -> None:
     """Fill the gaps of one joint into `turns`, along a curve as seen from `frame (frames, 4)`."""
-    is_root = len(gaps) > 0 and rig.skeleton.parents[gaps.joint[0]] < 0
-    for group in groups(gaps, rig.trusted, curve.reach(fps)):
-        samples = rotations.multiply(frame[group.frames], rig.rotations[group.frames, group.joints])
-        middle, coordinates = _chart(samples, group, fps, is_root)
-        inside = curve.across(group.length, group.times, fps) @ coordinates
-        seen = rotations.multiply(middle[:, None], rotations.from_rotvec(inside))
-        turns[group.missing, group.joints] = rotations.multiply(rotations.inverse(frame[group.missing]), seen)
+    if not len(gaps):
+        return
+    joint, members = int(gaps.joint[0]), list(groups(gaps, rig.trusted, curve.reach(fps)))
+    seen = rotations.multiply(frame, rig.rotations[:, joint])
+    start, stop = seen[np.maximum(gaps.start - 1, 0)], seen[np.minimum(gaps.stop, len(seen) - 1)]
+    start[gaps.before == 0] = stop[gaps.before == 0]  # an edge is seen from its only end
+    stop[gaps.after == 0] = start[gaps.after == 0]
+    turn = _logarithm(start, stop)
+    if rig.skeleton.parents[joint] < 0:
+        for group in members:
+            turn[group.rows] = _whole_turns(turn[group.rows], seen[group.frames], group, fps)
+    middle = rotations.multiply(start, rotations.from_rotvec(turn / 2))
 
-
-def _chart(samples: Array, group: Group, fps: float, is_root: bool) -> tuple[Array, Array]:
-    """The middle rotations `(gaps, 4)`, and the samples `(gaps, samples, 3)` as rotation vectors about them."""
-    left = group.times <= 0
-    if left.all() or not left.any():
-        middle = samples[:, -1 if left.all() else 0]
-        return middle, _logarithm(middle[:, None], samples)
-    stop = int(left.sum())
-    turn = _logarithm(samples[:, stop - 1], samples[:, stop])
-    if is_root:
-        turn = _whole_turns(turn, samples, group, fps)
-    middle = rotations.multiply(samples[:, stop - 1], rotations.from_rotvec(turn / 2))
+    # Into the charts and out of them all at once: there may be thousands of groups.
+    rows = np.concatenate([np.repeat(group.rows, len(group.times)) for group in members])
+    frames = np.concatenate([group.frames.ravel() for group in members])
     # Beyond a turn of pi the logarithm comes round from the other side: take the one next to its own end.
-    ends = np.where(left[:, None], -turn[:, None] / 2, turn[:, None] / 2)
-    return middle, _same_turn_near(ends, _logarithm(middle[:, None], samples))
+    ends = np.where((frames < gaps.start[rows])[:, None], -turn[rows] / 2, turn[rows] / 2)
+    vectors = _same_turn_near(ends, _logarithm(middle[rows], seen[frames]))
+    inside, done = [], 0
+    for group in members:
+        samples = vectors[done : done + group.frames.size].reshape(*group.frames.shape, 3)
+        inside.append((curve.across(group.length, group.times, fps) @ samples).reshape(-1, 3))
+        done += group.frames.size
+    owners = np.concatenate([np.repeat(group.rows, group.length) for group in members])
+    missing = np.concatenate([group.missing.ravel() for group in members])
+    crossed = rotations.multiply(middle[owners], rotations.from_rotvec(np.concatenate(inside)))
+    turns[missing, joint] = rotations.multiply(rotations.inverse(frame[missing]), crossed)
 
 
 def _logarithm(base: Array, q: Array) -> Array:
@@ -140,7 +145,7 @@ def _same_turn_near(target: Array, vectors: Array) -> Array:
 
 
 def _whole_turns(turn: Array, samples: Array, group: Group, fps: float) -> Array:
-    """The turn across a gap of a root, which may have gone round; a limb's joint cannot.
+    """The turns `(gaps, 3)` across gaps of a root, which may have gone round; a limb's joint cannot.
 
     It turned by more than pi only if the slower of the spins at its two ends, kept up through the gap, says so.
     """
@@ -155,5 +160,5 @@ def _whole_turns(turn: Array, samples: Array, group: Group, fps: float) -> Array
         kept.append(span * np.sum(spin * axis, axis=-1, keepdims=True))
     one, other = kept
     slower = np.where(np.abs(one) < np.abs(other), one, other)
-    round_ = (one * other > 0) & (np.abs(slower) > np.pi)
-    return np.where(round_, _same_turn_near(axis * slower, turn), turn)
+    goes_round = (one * other > 0) & (np.abs(slower) > np.pi)
+    return np.where(goes_round, _same_turn_near(axis * slower, turn), turn)
