@@ -28,6 +28,7 @@ from motionmend.body import LIMBS, map_rig
 from motionmend.constraints import affected_by
 
 SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9)
+KINDS = ["body", "arm", "leg"]
 MARGIN = 0.15  # seconds of good motion on both sides
 VELOCITY_FRAMES = 4
 
@@ -138,9 +139,10 @@ def main() -> None:
                     outside += len(changed_lines(bad, fixed_path) - set(range(start, stop)))
                     outside += len(changed_lines(good, fixed_path) - set(range(start, stop)))
 
-    print("| lost | seconds | takes | line | SciPy Hermite | hermite | the same from its file | auto | hermite / SciPy |")
+    head = ("lost", "seconds", "takes", "line", "SciPy Hermite", "hermite", "its file", "auto", "hermite / SciPy")
+    print("| " + " | ".join(head) + " |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for (kind, seconds), rows in sorted(errors.items(), key=lambda item: (["body", "arm", "leg"].index(item[0][0]), item[0])):
+    for (kind, seconds), rows in sorted(errors.items(), key=lambda item: (KINDS.index(item[0][0]), item[0])):
         mean = np.mean(rows, axis=0)
         cells = " | ".join(f"{value:.2f}" for value in mean)
         print(f"| {kind} | {seconds} | {len(rows)} | {cells} | {mean[2] / mean[1]:.3f} |")

@@ -1,0 +1,96 @@
+"""What README and docs show is what happens: their commands are run and their scripts executed.
+
+In a ```console block the lines after `$ motionmend …` must be in the command's output, in that order; `…` stands for
+what was left out, and blanks between columns do not count. ```python blocks of a page run one after the other.
+Every page has a folder of its own, with the walk.bvh and broken.bvh that `motionmend demo` writes.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from motionmend.cli import main
+from motionmend.demo import demo
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+_BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.M | re.S)
+
+
+@pytest.fixture(scope="module")
+def demo_folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    demo(folder)
+    return folder
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_shows_what_happens(page, demo_folder, tmp_path, monkeypatch, capsys):
+    for name in ("walk.bvh", "broken.bvh"):
+        shutil.copy(demo_folder / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict = {"__name__": "__main__"}
+    for kind, text in _BLOCK.findall(page.read_text("utf-8")):
+        if kind == "python":
+            exec(compile(text, str(page), "exec"), names)
+        else:
+            for shown in re.split(r"^\$ ", text, flags=re.M)[1:]:
+                check_command(*shown.split("\n", 1), capsys)
+
+
+def check_command(command: str, shown: str, capsys) -> None:
+    program, *words = shlex.split(command)
+    assert program == "motionmend", f"blocks called console hold commands of ours only, not {command!r}"
+    capsys.readouterr()
+    status = main([str(path) for word in words for path in (sorted(Path().glob(word)) if "*" in word else [word])])
+    said = capsys.readouterr()
+    lines = [" ".join(line.split()) for line in (said.out + said.err).splitlines()]
+    assert status == int("motionmend: " in shown), f"{command!r} ended with {status}: {said.err}"
+    for line in shown.splitlines():
+        line = " ".join(line.split())
+        if not line or line == "…":
+            continue
+        found = [at for at, real in enumerate(lines) if real == line or (line.endswith("…") and real.startswith(line[:-1].rstrip()))]
+        assert found, f"{command!r} no longer prints {line!r}"
+        lines = lines[found[0] + 1 :]
+
+
+def test_no_page_links_to_a_page_that_is_not_there():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text("utf-8")):
+            assert target.startswith("https://") or (page.parent / target).exists(), (page.name, target)
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("gap_list.py", ["holes.c3d", "filled.c3d"]),
+        ("repair_folder.py", ["takes", "repaired"]),
+        ("own_method.py", ["walk.bvh", "filled.bvh", "120", "180"]),
+    ],
+)
+def test_an_example_runs(script, words, demo_folder, tmp_path, monkeypatch, capsys):
+    shutil.copy(demo_folder / "walk.bvh", tmp_path)
+    (tmp_path / "takes").mkdir()
+    shutil.copy(demo_folder / "broken.bvh", tmp_path / "takes")
+    monkeypatch.chdir(tmp_path)
+    main(["convert", "walk.bvh", "-o", "walk.c3d"])
+    main(["damage", "walk.c3d", "-o", "holes.c3d", "--lost", "LeftHand:100:140"])
+    monkeypatch.setattr(sys, "argv", [script, *words])
+    capsys.readouterr()
+    if script == "repair_folder.py":
+        with pytest.raises(SystemExit) as end:
+            runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+        assert end.value.code == 0 and (tmp_path / "repaired" / "summary.csv").read_text().count("\n") == 2
+    else:
+        runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+        assert (tmp_path / words[1]).is_file()
+    if script == "gap_list.py":
+        assert "100:140  0.33 s  LeftHand" in capsys.readouterr().out
