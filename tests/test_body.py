@@ -85,6 +85,15 @@ CONVENTIONS = {
         "Bip01 L Forearm|Bip01 L Hand|Bip01 L Thigh|Bip01 L Calf|Bip01 L Foot|Bip01 L Toe0",
         "Bip01 Spine1|Bip01 L Finger0|Bip01 HeadNub|Bip01 L Toe0Nub",
     ),
+    "MakeHuman": (
+        "root spine05 spine01 neck01 head clavicle.L upperarm01.L lowerarm01.L wrist.L upperleg01.L lowerleg01.L "
+        "foot.L -",
+        "spine04 spine03 spine02 pelvis.L upperarm02.L lowerarm02.L upperleg02.L toe1-1.L jaw",
+    ),
+    "MakeHuman ": (
+        "Hips Spine2 Spine3 Neck Head Clavicle_L UpArm_L LoArm_L Hand_L UpLeg_L LoLeg_L Foot_L Toe_L",
+        "Root Spine1 __Jaw __Clavicle_L __UpLeg_L __UpLeg_R",
+    ),
     "VRM": (
         "J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_UpperChest J_Bip_C_Neck J_Bip_C_Head J_Bip_L_Shoulder J_Bip_L_UpperArm "
         "J_Bip_L_LowerArm J_Bip_L_Hand J_Bip_L_UpperLeg J_Bip_L_LowerLeg J_Bip_L_Foot J_Bip_L_ToeBase",

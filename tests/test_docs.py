@@ -14,8 +14,10 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import motionmend as mm
 from motionmend.cli import main
 from motionmend.demo import demo
 
@@ -36,7 +38,7 @@ def test_a_page_shows_what_happens(page, demo_folder, tmp_path, monkeypatch, cap
     for name in ("walk.bvh", "broken.bvh"):
         shutil.copy(demo_folder / name, tmp_path)
     monkeypatch.chdir(tmp_path)
-    names: dict = {"__name__": "__main__"}
+    names: dict = {"__name__": "__main__", "mm": mm, "np": np, "take": mm.load("walk.bvh")}
     for kind, text in _BLOCK.findall(page.read_text("utf-8")):
         if kind == "python":
             exec(compile(text, str(page), "exec"), names)
@@ -57,7 +59,8 @@ def check_command(command: str, shown: str, capsys) -> None:
         line = " ".join(line.split())
         if not line or line == "…":
             continue
-        found = [at for at, real in enumerate(lines) if real == line or (line.endswith("…") and real.startswith(line[:-1].rstrip()))]
+        start, cut = line.removesuffix("…").rstrip(), line.endswith("…")
+        found = [at for at, real in enumerate(lines) if real == line or (cut and real.startswith(start))]
         assert found, f"{command!r} no longer prints {line!r}"
         lines = lines[found[0] + 1 :]
 

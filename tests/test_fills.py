@@ -384,3 +384,21 @@ def test_kinds_of_gaps_in_a_rig():
     for joints, kind in (([0], "body"), ([2, 3], "limb"), ([3], "lower limb"), (slice(None), "body")):
         lost = broken(rig, [(10, 20)], joints)
         assert set(auto.rig_kinds(lost, Gaps.of(lost.trusted))) == {kind}
+
+
+def test_auto_tries_the_methods_beside_the_gap():
+    """A marker that rides on a tumbling body, and one that floats by itself: each gets what restores it."""
+    time = np.arange(240) / 120
+    turn = Rotation.from_euler("xyz", np.stack([np.sin(9 * time), 2 * time, np.cos(7 * time)], axis=-1))
+    corners = np.array([[0.1, 0, 0], [0, 0.12, 0], [0, 0, 0.09], [-0.1, 0.05, 0.02]])
+    centre = np.stack([np.sin(5 * time), np.cos(6 * time), time], axis=-1)
+    riding = np.stack([turn.apply(corner) + centre for corner in corners], axis=1)
+    floating = np.stack([time**2, 1 + 0.3 * time, -time], axis=-1)[:, None]
+    positions = np.concatenate([riding, floating], axis=1).astype(np.float32)
+    observed = np.ones(positions.shape[:2], bool)
+    observed[100:136, 0] = observed[110:150, 4] = False
+    motion = Motion(positions, observed, 120.0, Skeleton.cloud(tuple("abcde")))
+    filled, done = auto.Auto().fill(motion)
+    assert done.method.tolist() == ["rigid", "hermite"]
+    assert all("beside" in done.reasons[row] for row in (0, 1))
+    assert np.abs(filled.positions - positions)[~observed].max() < 1e-4

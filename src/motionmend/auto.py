@@ -30,6 +30,11 @@ KINDS = {
 # Of a limb's length, from its branch to its tip: with less missing it is the lower limb, or an extremity.
 LIMB_SHARE, EXTREMITY_SHARE = 2 / 3, 1 / 4
 
+TRIED = ("hermite", "pattern", "rigid")
+TRIAL_SECONDS = 0.05  # shorter gaps are not worth a trial
+TRIAL_MARGIN = 1.2  # how many times better than the first of TRIED another must be
+MOST_TRIALS = 1000
+
 # kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
 WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "body": {0: ((np.inf, "hermite"),)},
@@ -58,7 +63,11 @@ def choose(kind: str, seconds: float, donors: int = 0) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Auto(Fill):
-    """A Completer that takes the winner for each gap's kind, length and donors; `Gaps.method` records which.
+    """A Completer that chooses for each gap: `Gaps.method` records which, `Gaps.reasons` why.
+
+    A gap of some points that has good frames beside it is decided by a trial there: the same points are hidden
+    for the same time right before and right after, and the method that restores them best is taken. The others
+    get the winner for their kind, length and donors.
 
     donors : names of joints or markers to choose donors from; all if empty.
     """
@@ -72,13 +81,56 @@ class Auto(Fill):
             tuple(choose(kind, length / motion.fps, donors)[0] for donors in (3, 1, 0))
             for kind, length in zip(kinds, gaps.length)
         ]
+        reasons = {}
+        for row, name in self._tried(motion, gaps, kinds).items():
+            chains[row] = (name, "hermite")
+            reasons[row] = f"{name} did best on the good frames beside it"
         method, donors = gaps.method.copy(), {}
         for chain in sorted(set(chains)):
             rows = np.flatnonzero([other == chain for other in chains])
             done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
             method[rows] = done.method
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
-        return replace(gaps, method=method, donors=donors)
+        return replace(gaps, method=method, donors=donors, reasons=reasons)
+
+    def _tried(self, motion: Motion, gaps: Gaps, kinds: list[str]) -> dict[int, str]:
+        """The methods that trials decide, by row; the longest gaps first, as trials take time."""
+        together: dict[tuple[int, int], list[int]] = {}
+        for row, kind in enumerate(kinds):
+            if kind != "all points" and not gaps.is_edge[row] and not gaps.is_blank[row]:
+                together.setdefault((int(gaps.start[row]), int(gaps.stop[row])), []).append(row)
+        long = [span for span in together if span[1] - span[0] >= TRIAL_SECONDS * motion.fps]
+        decided = {}
+        for start, stop in sorted(long, key=lambda span: span[0] - span[1])[:MOST_TRIALS]:
+            rows = together[start, stop]
+            errors = self._trial(motion, gaps.joint[rows], start, stop)
+            if errors is not None:
+                names = np.array(list(TRIED))
+                best = np.argmin(errors, axis=0)
+                clear = TRIAL_MARGIN * errors.min(axis=0) <= errors[0]
+                decided |= dict(zip(rows, names[np.where(clear, best, 0)].tolist()))
+        return decided
+
+    def _trial(self, motion: Motion, joints: Array, start: int, stop: int) -> Array | None:
+        """Each tried method's mean error `(methods, joints)` on gaps like this one before and after it, or None."""
+        length, context = stop - start, max(3, round(0.1 * motion.fps))
+        hidden = ~motion.observed[start:stop].all(axis=0)
+        errors = []
+        for first in (start - context - length, stop + context):
+            around = slice(max(first - 4 * context, 0), first + length + 4 * context)
+            judged = slice(first - context, first + length + context)
+            if judged.start < 0 or judged.stop > len(motion) or not motion.observed[judged][:, joints].all():
+                continue
+            inside = np.arange(first, first + length) - around.start
+            observed = motion.observed[around].copy()
+            observed[:, hidden & ~np.isin(np.arange(len(hidden)), joints)] = False  # no donors in the gap itself
+            observed[inside[:, None], joints] = False
+            part = replace(motion, positions=motion.positions[around], observed=observed)
+            truth = part.positions[inside][:, joints]
+            fills = (self._chained((name, "hermite")).complete(part) for name in TRIED)
+            misses = [fill.positions[inside][:, joints] - truth for fill in fills]
+            errors.append(np.linalg.norm(misses, axis=-1).mean(axis=1))
+        return np.mean(errors, axis=0) if errors else None
 
     def _chained(self, chain: tuple[str, ...]) -> Fill:
         fill = FILLS[chain[-1]]

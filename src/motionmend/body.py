@@ -180,12 +180,30 @@ def stature(skeleton: Skeleton, positions: Array) -> float | None:
     return None
 
 
-def upward(skeleton: Skeleton, positions: Array) -> Array | None:
+def upward(skeleton: Skeleton, positions: Array, rest: Array | None = None) -> Array | None:
     """The mean direction `(3,)` from feet and hips to the head in the axes of `positions`; None if not known.
 
     Frames in which the person stands tall count most, so a take with a fall or a handstand does not mislead.
+
+    Parameters
+    ----------
+    rest : `(joints, 3)` the rig's rest pose, where it has one. If that stands along another axis, as it does in
+        takes of crawling and lying, the floor decides between the two.
     """
-    points = _landmarks(skeleton, positions)
+    rise = _rise(_landmarks(skeleton, positions))
+    stands = None if rest is None or rise is None else _rise(_landmarks(skeleton, rest[None]))
+    if rise is None or stands is None or np.array_equal(_axis(rise), _axis(stands)):
+        return None if rise is None else normalised(rise)
+    # What the body rests on stays at one height, and the head is above it.
+    axes = np.array([_axis(rise), _axis(stands)])
+    lowest = np.nanmin(_sampled(positions) @ axes.T, axis=1)
+    wander = np.ptp(np.nanpercentile(lowest, [10, 90], axis=0), axis=0)
+    scores = axes @ rise - wander
+    return axes[1] if scores[1] > scores[0] else normalised(rise)
+
+
+def _rise(points: dict[str, Array]) -> Array | None:
+    """The mean vector `(3,)` from the feet to the head, and from the hips on once more; None if not known."""
     top = _first(points, "head", "head markers", "neck", "neck marker", "chest", "middle upper_arm")
     middle = _first(points, "hips", "pelvis markers", "middle thigh")
     bottom = _first(points, "middle foot", "middle ankle marker", "middle shin", "middle knee marker")
@@ -197,7 +215,13 @@ def upward(skeleton: Skeleton, positions: Array) -> Array | None:
         total = np.nanmean(ends[0] - ends[-1], axis=0)
         if len(ends) == 3:
             total = np.nansum([total, np.nanmean(ends[0] - ends[1], axis=0)], axis=0)
-    return normalised(total) if np.isfinite(total).all() and np.any(total) else None
+    return total if np.isfinite(total).all() and np.any(total) else None
+
+
+def _axis(direction: Array) -> Array:
+    """The unit vector along the axis that a direction is nearest to."""
+    largest = int(np.argmax(np.abs(direction)))
+    return np.sign(direction[largest]) * np.eye(3)[largest]
 
 
 def floor_height(motion: Motion) -> float:

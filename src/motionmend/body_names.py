@@ -16,16 +16,16 @@ SIDES = ("left", "right")
 
 # Per part of a limb, the stems that mean it, surest first. Stems in DOUBTFUL wait for their siblings.
 LIMB_STEMS = {
-    "shoulder": "clavicle collar collarbone clp 肩",
-    "upper_arm": "upperarm uparm humerus shldr shldrbend uarm hup sjc shoulderjoint 腕",
-    "forearm": "forearm lowerarm lowarm elbow radius farm forearmbend huo ejc elbowjoint ひじ",
+    "shoulder": "clavicle collar collarbone clp claviclejoint 肩",
+    "upper_arm": "upperarm uparm humerus shldr shldrbend uarm hup sjc shoulderjoint upperarm01 腕",
+    "forearm": "forearm lowerarm lowarm loarm elbow radius farm forearmbend huo ejc elbowjoint lowerarm01 ひじ",
     "hand": "wrist wjc rao wristjoint hand 手首",
-    "thigh": "thigh upleg upperleg femur thighbend uleg fep hjc 足",
-    "shin": "shin lowerleg lowleg calf tibia knee feo kjc ひざ",
+    "thigh": "thigh upleg upperleg femur thighbend uleg fep hjc upperleg01 足",
+    "shin": "shin lowerleg lowleg loleg calf tibia knee feo kjc kneejoint lowerleg01 ひざ",
     "foot": "ankle ajc tio anklejoint foot 足首",
-    "toe": "foo toe toes toebase ball toe0 forefoot bigtoe foottoe つま先",
+    "toe": "foo toe toes toebase ball toe0 forefoot bigtoe foottoe toesjoint つま先",
 }
-DOUBTFUL = ("shoulder", "arm", "leg", "hip")
+DOUBTFUL = ("shoulder", "arm", "leg", "hip", "hipjoint")
 SURE = {stem: part for part, stems in LIMB_STEMS.items() for stem in stems.split()}
 RANK = {stem: rank for stems in LIMB_STEMS.values() for rank, stem in enumerate(stems.split())}
 
@@ -59,6 +59,8 @@ def parsed(names: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _words(name: str) -> list[str]:
+    if name.startswith("__"):
+        return []  # MakeHuman's links from a joint to the next, which lie on the former and are called as the latter
     bare = re.split(r"[:|]", name)[-1] or name
     bare = re.sub(r"^(DEF|ORG|MCH|J_(Bip|Sec|Adj)(_C)?|joint|jnt)[-_](?=.)", "", bare)
     bare = re.sub(r"([左右])", r"_\1_", bare)
@@ -111,8 +113,9 @@ def _limb(stems: dict[str, int]) -> dict[str, int]:
         found.setdefault(SURE[stem], stems[stem])
     if "ankle" in stems and "foot" in stems:
         found.setdefault("toe", stems["foot"])  # SMPL, Kinect: the foot comes after the ankle
-    if "hip" in stems:
-        found.setdefault("thigh", stems["hip"])
+    for stem in ("hip", "hipjoint"):  # CMU's lhipjoint lies in the pelvis, beside a femur or a LeftHip
+        if stem in stems:
+            found.setdefault("thigh", stems[stem])
     if "leg" in stems:
         found.setdefault("shin" if "thigh" in found else "thigh", stems["leg"])
     if "arm" in stems:
@@ -195,6 +198,8 @@ _CONVENTIONS: tuple[tuple[str, str | re.Pattern], ...] = (
     ("Daz Genesis", "lshldrbend lforearmbend lthighbend lshin"),
     ("OptiTrack", "luarm lfarm lthigh lshin"),
     ("iPi", "lowerspine middlespine lclavicle lshin"),
+    ("MakeHuman", "upperarm01l lowerarm01l upperleg01l lowerleg01l"),
+    ("MakeHuman", "uparml loarml uplegl lolegl"),
     ("Blender", "upperarml forearml thighl shinl"),
     ("Unity humanoid", "leftupperarm leftlowerarm leftupperleg leftlowerleg"),
     ("Plug-in Gait", "lfep lfeo ltio"),

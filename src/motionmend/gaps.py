@@ -20,6 +20,7 @@ class Gaps:
         seen (`is_blank`).
     method : what filled it, "" for nothing.
     donors : for the gaps that were filled with the help of other joints, their indices, by row.
+    reasons : for the gaps whose method was chosen for a reason of their own, that reason, by row.
     """
 
     joint: Array
@@ -29,6 +30,7 @@ class Gaps:
     after: Array
     method: Array
     donors: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    reasons: dict[int, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observed: Array) -> Gaps:
@@ -64,7 +66,7 @@ class Gaps:
     def pick(self, rows: Array) -> Gaps:
         """Only these rows (indices or a bool mask)."""
         columns = ("joint", "start", "stop", "before", "after", "method")
-        return replace(self, **{name: getattr(self, name)[rows] for name in columns}, donors={})
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns}, donors={}, reasons={})
 
 
 @dataclass(frozen=True, eq=False)

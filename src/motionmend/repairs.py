@@ -199,7 +199,7 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str) -> list[Filled]:
             side = "after" if gaps.before[row] else "before"
             why = f"nothing is known {side} it" + ", extrapolated" * bool(method)
         elif not method or asked == "auto":
-            why = auto.KINDS[kind]
+            why = gaps.reasons.get(row, auto.KINDS[kind])
         else:
             why = "as asked" if method == asked else f"no donors for {asked}"
         together.setdefault((start, stop, method, why), []).append(take.skeleton.names[joint])

@@ -16,7 +16,7 @@ import numpy as np
 from .. import body
 from ..errors import InputError
 from ..motion import Rig, Skeleton, Take, Units
-from ..rotations import IDENTITY
+from ..rotations import IDENTITY, forward_kinematics
 from ._bvh_text import Reader, Tree
 from ._euler import follow, turns
 from .units import Hints, from_metres, resolve, rotation_to_y_up, to_metres
@@ -52,9 +52,11 @@ def read(path: Path, hints: Hints) -> Take:
     skeleton = Skeleton(unique, tuple(tree.parents))
 
     few = channels[np.unique(np.linspace(0, len(channels) - 1, 50).astype(int))]
-    pose = _rig(tree, skeleton, few, Units(1.0, "y", "")).kinematics[0]
+    plain = _rig(tree, skeleton, few, Units(1.0, "y", ""))
+    pose, unturned = plain.kinematics[0], np.broadcast_to(IDENTITY, (1, len(skeleton), 4))
+    rest = forward_kinematics(unturned, plain.offsets[None], skeleton.parents)[0][0]
     units = resolve(
-        hints, stature=body.stature(skeleton, pose), upward=body.upward(skeleton, pose), usual_unit="cm"
+        hints, stature=body.stature(skeleton, pose), upward=body.upward(skeleton, pose, rest), usual_unit="cm"
     )
     rig = _rig(tree, skeleton, channels, units)
     document = Document(raw, rows, channels, tree, rig)
