@@ -74,6 +74,8 @@ class Score:
     samples_found: int = 0
     samples_flagged: int = 0
     samples_right: int = 0
+    edges: int = 0
+    edges_left: int = 0
 
     def row(self) -> str:
         def share(part: int, whole: int) -> str:
@@ -85,6 +87,7 @@ class Score:
             share(self.right, self.flagged),
             share(self.samples_found, self.samples),
             share(self.samples_right, self.samples_flagged),
+            share(self.edges_left, self.edges),
         )
         return " | ".join(cells)
 
@@ -209,6 +212,17 @@ def add(score: Score, take: Take, clean: Diagnosis, case: Case, broken: Take, tr
     score.samples_found += int((changed & (flagged | clean.untrusted)).sum())
     score.samples_flagged += int(flagged.sum())
     score.samples_right += int((flagged & truth.mask).sum())
+    if case.cause != "dropout":
+        add_edges(score, changed, flagged | clean.untrusted)
+
+
+def add_edges(score: Score, changed: Array, flagged: Array) -> None:
+    """Of the joints whose damage was found: how often its first or last sample is still trusted."""
+    for joint in np.flatnonzero(changed.any(axis=0)):
+        damaged = flagged[changed[:, joint], joint]
+        if damaged.any():
+            score.edges += 2
+            score.edges_left += int(not damaged[0]) + int(not damaged[-1])
 
 
 def add_first_frame(score: Score, clean: Diagnosis, broken: Take) -> None:
@@ -249,8 +263,8 @@ def print_found(files: list[tuple[Path, float]], seed: int) -> None:
                     add(score, take, clean, case, *planted)
     for kind, unit in (("channels", "°"), ("points", "mm")):
         print(f"\n### Planted in {kind}\n")
-        print("| cause | length | size | planted | found % | right % | samples found % | samples right % |")
-        print("|---|---|---|--:|--:|--:|--:|--:|")
+        print("| cause | length | size | planted | found % | right % | samples found % | samples right % | edges left % |")
+        print("|---|---|---|--:|--:|--:|--:|--:|--:|")
         for case, score in zip(CASES, scores[kind]):
             length = f"{case.seconds:g} s" if case.seconds else "1 frame" if case.cause in ("jump", "t-pose") else "–"
             strength = case.turn if kind == "channels" else 1000 * case.size

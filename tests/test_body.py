@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import random
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,6 +140,11 @@ CONVENTIONS = {
         "hip abdomenLower chestUpper neckLower head lCollar lShldrBend lForearmBend lHand lThighBend lShin "
         "lFoot lToe",
         "abdomenUpper chestLower neckUpper lShldrTwist lForearmTwist lThighTwist lMetatarsals lPectoral",
+    ),
+    "by names ": (  # ASF files of endorphin
+        "root LowerSpineJoint UpperSpineJoint LowerNeckJoint UpperNeckJoint LeftClavicleJoint LeftShoulderJoint "
+        "LeftElbowJoint LeftWristJoint LeftHipJoint LeftKneeJoint LeftAnkleJoint LeftToesJoint",
+        "MiddleSpineJoint LeftHipJoint_dum LeftForearmTwistJoint LeftMidFootJoint",
     ),
     "by names": (  # MikuMikuDance
         "下半身 上半身 上半身2 首 頭 左肩 左腕 左ひじ 左手首 左足 左ひざ 左足首 左つま先",
@@ -545,6 +551,35 @@ def marker_cloud(subject: str = "", unit: float = 1000.0) -> tuple[Skeleton, np.
         names += [f"{subject}L{name}", f"{subject}R{name}"]
         points += [(-x, y, z), (x, y, z)]
     return Skeleton.cloud(names), np.tile(np.array(points) * unit, (30, 1, 1))
+
+
+def crawling(along: Sequence[float], up: Sequence[float]) -> tuple[Skeleton, np.ndarray, np.ndarray]:
+    """A figure of sticks that lies face down and moves 4 m on head first, and the same standing with y up."""
+    at = {"Hips": (0, 1), "Spine": (0, 1.3), "Neck": (0, 1.5), "Head": (0, 1.6), "LeftUpLeg": (0.1, 0.9),
+          "LeftLeg": (0.1, 0.5), "LeftFoot": (0.1, 0.1), "RightUpLeg": (-0.1, 0.9), "RightLeg": (-0.1, 0.5),
+          "RightFoot": (-0.1, 0.1)}  # fmt: skip
+    parents = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8)
+    across, height = np.array(list(at.values())).T
+    side = np.cross(along, up)
+    lying = across[:, None] * side + height[:, None] * np.array(along)
+    moving = lying + np.linspace(0, 4, 20)[:, None, None] * np.array(along)
+    moving += 0.1 * np.sin(np.linspace(0, 9, 20))[:, None, None] * side  # it sways
+    standing = np.stack([across, height, np.zeros_like(across)], axis=1)
+    return Skeleton(tuple(at), parents), moving, standing
+
+
+@pytest.mark.parametrize("along", [(-1, 0, 0), (0, 0, 1)])
+def test_a_body_that_crawls_does_not_tip_the_world(along):
+    skeleton, positions, rest = crawling(along, up=(0, 1, 0))
+    np.testing.assert_allclose(body.upward(skeleton, positions), along, atol=0.1)  # all that the take alone tells
+    np.testing.assert_array_equal(body.upward(skeleton, positions, rest), [0, 1, 0])
+
+
+def test_a_rest_pose_that_lies_does_not_tip_the_world():
+    skeleton, _, rest = crawling((0, 0, 1), up=(0, 1, 0))
+    walking = rest[:, [0, 2, 1]] + np.linspace(0, 4, 20)[:, None, None] * [1, 0, 0]  # a file with z up
+    np.testing.assert_allclose(body.upward(skeleton, walking, rest), [0, 0, 1], atol=1e-6)
+
 
 
 @pytest.mark.parametrize("subject", ["", "Anna:"])

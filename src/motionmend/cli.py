@@ -157,7 +157,7 @@ class Damage(Reading):
     jump: UseAppendAction[tuple[str, ...]] = ()
     """Joints that jump away and back, and frames."""
     swap: UseAppendAction[tuple[str, ...]] = ()
-    """Two joints (left and right) exchanged, and frames: LeftHand,RightHand:40:80."""
+    """Joints that are exchanged, each with its left or right twin, and frames: LeftHand:40:80."""
     displaced: UseAppendAction[tuple[str, ...]] = ()
     """Joints off by a constant offset, and frames."""
     dropout: float = 0.0

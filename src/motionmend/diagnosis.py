@@ -1,9 +1,10 @@
 """Find damage: which of a file's own numbers cannot be trusted, and why.
 
 Points are judged as points. Channels are judged as channels, each joint's own turn (and shift, if it has
-one) in its parent's frame, so that one bad shoulder does not accuse the whole arm. No body, no bones and no
-names are needed, but for left/right swaps, which need names. Everything scales with the frame rate and with
-what the same joint does in the rest of the take. `symptoms` judges the numbers; here they become findings.
+one) in its parent's frame, so that one bad shoulder does not accuse the whole arm; the world is a witness: a
+joint whose children make up for its jump is told and left alone. No body and no names are needed, but for
+left/right swaps, which need names. Everything scales with the frame rate and with what the same joint does in
+the rest of the take. `symptoms` judges the numbers; here they become findings.
 """
 
 from __future__ import annotations
@@ -15,8 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from .curves import velocity_frames
 from .damage import exchange_channels, exchanged, mirrored_pairs
-from .motion import Array, Take, runs
+from .metrics import steps
+from .motion import Array, Rig, Take, runs
+from .rigfills import fill_rig
+from .rotations import IDENTITY, forward_kinematics
 from .symptoms import (
     FEW,
     Tear,
@@ -32,6 +37,10 @@ from .symptoms import (
 )
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
+ROUGHER = 1.1  # times as rough as before: what the joints below may be, at the seams, after a replacement
+SEAM = 3  # frames from which a seam's roughness is measured, on each side
+
+Piece = tuple[int, int, int]  # joint, start, stop
 
 
 @dataclass(frozen=True)
@@ -86,15 +95,20 @@ def diagnose(take: Take) -> Diagnosis:
 
 def unswap(take: Take, finding: Finding) -> Take:
     """The take with the left and right values of a swap exchanged back: nothing is interpolated, nothing lost."""
-    order = exchanged(take.skeleton.names, finding.indices)
-    start, stop = finding.start, finding.stop
     if take.rig is None:
+        order = exchanged(take.skeleton.names, finding.indices)
+        start, stop = finding.start, finding.stop
         positions, observed = take.motion.positions.copy(), take.motion.observed.copy()
         positions[start:stop], observed[start:stop] = positions[start:stop, order], observed[start:stop, order]
         return take.with_motion(replace(take.motion, positions=positions, observed=observed))
-    rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
-    exchange_channels(take.rig, rotations, translations, order, start, stop)
-    return take.with_rig(replace(take.rig, rotations=rotations, translations=translations))
+    return take.with_rig(_unswapped(take.rig, finding))
+
+
+def _unswapped(rig: Rig, swap: Finding) -> Rig:
+    rotations, translations = rig.rotations.copy(), rig.translations.copy()
+    order = exchanged(rig.skeleton.names, swap.indices)
+    exchange_channels(rig, rotations, translations, order, swap.start, swap.stop)
+    return replace(rig, rotations=rotations, translations=translations)
 
 
 def _tracks(take: Take) -> Iterator[Track]:
@@ -180,17 +194,35 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
                 track.values[:first] = np.nan
         findings += _held(take, tracks, copied, bad)
         findings += _noise(take, tracks)
+    rig = take.rig
     for swap in _swaps(take, tracks):
         findings.append(swap)
         _exchange_tracks(tracks, swap)
+        rig = rig and _unswapped(rig, swap)
+    accused = bad | _painted(findings, bad.shape)
     for track in tracks:
-        track.values[bad[:, track.joint]] = np.nan
-    findings += _torn(take, tracks, bad)
-    return findings, bad
+        track.values[accused[:, track.joint]] = np.nan
+    findings += _torn(take, tracks)
+    if rig is not None:
+        findings = _borne_out(take, rig, findings)
+    return findings, bad | _painted(findings, bad.shape)
+
+
+def _painted(findings: list[Finding], shape: tuple[int, ...]) -> Array:
+    """`(frames, joints)` bool: what the stretches that can be replaced cover."""
+    mask = np.zeros(shape, bool)
+    for finding in findings:
+        if _replaceable(finding):
+            mask[finding.start : finding.stop, list(finding.indices)] = True
+    return mask
+
+
+def _replaceable(finding: Finding) -> bool:
+    return finding.cause in ("held", "jump", "displaced") and finding.certainty >= CERTAIN
 
 
 def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Finding]:
-    """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks them in `bad`."""
+    """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks these two in `bad`."""
     frozen = np.zeros(copied.shape, np.float32)  # with what certainty
     every = []
     for number, track in enumerate(tracks):
@@ -213,10 +245,9 @@ def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Fi
     for joint, start, stop, certainty in every:
         if whole[start:stop].all():
             continue
-        if certainty >= CERTAIN:
-            bad[start:stop, joint] = True
         if stop - start < FEW:
             scattered[start:stop, joint] = True
+            bad[start:stop, joint] |= certainty >= CERTAIN
         else:
             stretches.setdefault((start, stop), []).append((joint, certainty))
     for (start, stop), which in stretches.items():
@@ -280,16 +311,14 @@ def _exchange_tracks(tracks: list[Track], swap: Finding) -> None:
                     one[:], two[:] = continuous_track(one), continuous_track(two)
 
 
-def _torn(take: Take, tracks: list[Track], bad: Array) -> Iterator[Finding]:
-    """Jumps, displaced stretches and steps, those of several joints in the same frames as one; marks them in `bad`."""
-    found: dict[tuple[str, int, int], list[tuple[Track, Tear]]] = {}
+def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
+    """Jumps, displaced stretches and steps, those of several joints in the same frames as one."""
+    found: dict[tuple[str, int, int, bool], list[tuple[Track, Tear]]] = {}
     for track in tracks:
         for tear in tears(track, take.fps):
-            if tear.certainty >= CERTAIN:
-                bad[tear.start : tear.stop, track.joint] = True
-            found.setdefault((tear.cause, tear.start, tear.stop), []).append((track, tear))
+            found.setdefault((tear.cause, tear.start, tear.stop, tear.certainty >= CERTAIN), []).append((track, tear))
     words = {"jump": "out and back by {}", "displaced": "off by about {}", "step": "a step of {} that is not undone"}
-    for (cause, start, stop), which in found.items():
+    for (cause, start, stop, _), which in found.items():
         joints = sorted({track.joint for track, _ in which})
         certainty = max(tear.certainty for _, tear in which)
         track, tear = which[0]
@@ -306,3 +335,102 @@ def _noise(take: Take, tracks: list[Track]) -> Iterator[Finding]:
             level = np.median([levels[joint] for joint in noisy]) * unit
             detail = f"about {level:.1f} {'°' if turns else 'mm'} an axis, from frame to frame"
             yield _finding(take, "noise", sorted(noisy), 0, len(take), 0.8, detail)
+
+
+# What hangs below -----------------------------------------------------------------------------------------
+
+
+def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> list[Finding]:
+    """The findings; those that the world does not bear out are only told.
+
+    Solvers let hips jump and legs jump back by as much: nothing shows, and hips mended alone would throw the feet.
+    """
+    pieces = [(joint, f.start, f.stop) for f in findings if _replaceable(f) for joint in f.indices]
+    excused = _made_up_for(rig, take.fps, pieces)
+    told_only = []
+    for number, finding in enumerate(findings):
+        where = finding.start, finding.stop
+        harmless = [joint for joint in finding.indices if (joint, *where) in excused and _replaceable(finding)]
+        if harmless:
+            detail = f"{finding.detail}, but the joints below make up for it"
+            told_only.append(_finding(take, finding.cause, harmless, *where, 0.4, detail))
+            guilty = [joint for joint in finding.indices if joint not in harmless]
+            findings[number] = _finding(take, finding.cause, guilty, *where, finding.certainty, finding.detail)
+    return [finding for finding in findings if finding.indices] + told_only
+
+
+def _made_up_for(rig: Rig, fps: float, pieces: list[Piece]) -> set[Piece]:
+    """The pieces whose replacement would make what hangs on their joints rougher.
+
+    Pieces of one chain are judged together. If they fail, the uppermost joint, for which the others may make
+    up, is excused, and the rest is judged again.
+    """
+    # End sites are joints too, here: what a hand or a toe does shows in them only.
+    parents = (*rig.skeleton.parents, *(joint for joint, _ in rig.ends))
+    below = np.eye(len(parents), dtype=bool)
+    for joint, parent in reversed(list(enumerate(parents))):
+        if parent >= 0:
+            below[parent] |= below[joint]
+    excused: set[Piece] = set()
+    chains = _chains(pieces, below)
+    while chains:
+        rest: list[Piece] = []
+        for chain, is_rougher in zip(chains, _rougher(rig, fps, chains, parents, below)):
+            if is_rougher:
+                top = min(joint for joint, _, _ in chain)  # parents come before their children
+                excused |= {piece for piece in chain if piece[0] == top}
+                rest += [piece for piece in chain if piece[0] != top]
+        chains = _chains(rest, below)
+    return excused
+
+
+def _chains(pieces: list[Piece], below: Array) -> list[list[Piece]]:
+    """Pieces in the same frames, or nearly so, of joints that hang on one another."""
+    done: list[list[Piece]] = []
+    near: list[list[Piece]] = []
+    for piece in sorted(pieces, key=lambda piece: piece[1]):
+        joint, start, _ = piece
+        chain, others = [piece], []
+        for other in near:
+            if max(stop for _, _, stop in other) + 2 * SEAM < start:
+                done.append(other)
+            elif any(below[joint, one] or below[one, joint] for one, _, _ in other):
+                chain += other
+            else:
+                others.append(other)
+        near = [*others, chain]
+    return done + near
+
+
+def _rougher(
+    rig: Rig, fps: float, chains: list[list[Piece]], parents: tuple[int, ...], below: Array
+) -> Iterator[bool]:
+    """For each chain, whether its joints' descendants move less smoothly at its seams once it is filled."""
+    reach = velocity_frames(fps) + SEAM
+    hidden, near = np.zeros_like(rig.trusted), np.zeros(len(rig.trusted), bool)
+    for joint, start, stop in (piece for chain in chains for piece in chain):
+        hidden[start:stop, joint] = True
+        near[max(0, start - reach) : stop + reach] = True
+    at = np.flatnonzero(near)
+    # Frames from elsewhere become neighbours here, but further from every gap and seam than anything looks.
+    part = replace(rig, rotations=rig.rotations[at], translations=rig.translations[at], trusted=~hidden[at])
+    before, after = (_jumps(some, parents) for some in (part, fill_rig(part, fps)[0]))
+    moves = below.copy()
+    for joint in range(len(rig.skeleton)):
+        moves[joint, joint] = parents[joint] < 0 or rig.moves[joint]
+    for chain in chains:
+        seams = np.unique([[start, stop] for _, start, stop in chain])
+        rows = np.unique(seams[:, None] + [-1, 0, 1])
+        rows = np.searchsorted(at, rows[(rows >= 0) & (rows < len(near))])
+        place = np.ix_(rows, moves[[joint for joint, _, _ in chain]].any(axis=0))
+        yield bool(after[place].sum() > ROUGHER * before[place].sum() + 1e-3)
+
+
+def _jumps(rig: Rig, parents: tuple[int, ...]) -> Array:
+    """`(frames, joints and ends)` mm by which each step of a world position departs from its neighbours."""
+    frames = len(rig.rotations)
+    ends = np.array([offset for _, offset in rig.ends]).reshape(-1, 3)
+    turns = np.broadcast_to(IDENTITY, (frames, len(ends), 4))
+    rotations = np.concatenate([rig.rotations, turns], axis=1)
+    translations = np.concatenate([rig.translations, np.broadcast_to(ends, (frames, *ends.shape))], axis=1)
+    return np.nan_to_num(steps(forward_kinematics(rotations, translations, parents)[0])[0])

@@ -97,11 +97,24 @@ def calibration_frames(tracks: list[Track], fps: float) -> int:
 
 
 def copies(values: Array) -> Array:
-    """`(frames,)` bool: the sample repeats the one before it."""
-    copied = np.zeros(len(values), bool)
+    """`(frames,)` bool: the sample repeats the one before it.
+
+    The first or last of several may differ from the others by its rounding: a recorder that froze wrote the value
+    again, by another way of units and float32 than the value itself had come.
+    """
+    steps = steps_of(values)
+    steps[:1] = np.inf
     # Equal numbers in a file may differ in the last bit once they have been turned into quaternions.
-    copied[1:] = steps_of(values)[1:] < 1e-12
-    return copied
+    copied = steps < 1e-12
+    beside = np.zeros_like(copied)
+    beside[1:] |= copied[:-1]
+    beside[:-1] |= copied[1:]
+    return copied | (beside & (steps < _rounding(values)))
+
+
+def _rounding(values: Array) -> float:
+    """By how much the same number may differ after a few roundings to float32."""
+    return float(4 * np.finfo(np.float32).eps * np.nanmax(np.abs(values), initial=0))
 
 
 def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
@@ -111,7 +124,7 @@ def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
     stops at once while it moves, and then jumps to where it would have been.
     """
     steps, copied = steps_of(values), copies(values)
-    moving = steps[steps > 1e-12]  # NaN compares false
+    moving = steps[steps > _rounding(values)]  # NaN compares false
     if not copied.any() or len(moving) < FEW:
         return []
     found = np.array(runs(copied))
@@ -270,8 +283,8 @@ def tears(track: Track, fps: float) -> Iterator[Tear]:
             certainty = min(certainty, 0.5)
         yield Tear("displaced", seam.at, other.at, certainty, size)
     for seam in rest:
-        if seam.at not in used:
-            yield Tear("step", seam.at, seam.at + 1, min(0.5, _certainty(0.5 * seam.score)), seam.size)
+        if seam.at not in used and seam.score > 4:
+            yield Tear("step", seam.at, seam.at + 1, 0.5, seam.size)
 
 
 def _certainty(score: float) -> float:
