@@ -571,14 +571,17 @@ def crawling(along: Sequence[float], up: Sequence[float]) -> tuple[Skeleton, np.
 @pytest.mark.parametrize("along", [(-1, 0, 0), (0, 0, 1)])
 def test_a_body_that_crawls_does_not_tip_the_world(along):
     skeleton, positions, rest = crawling(along, up=(0, 1, 0))
-    np.testing.assert_allclose(body.upward(skeleton, positions), along, atol=0.1)  # all that the take alone tells
-    np.testing.assert_array_equal(body.upward(skeleton, positions, rest), [0, 1, 0])
+    alone = body.upward(skeleton, positions)
+    assert alone is not None and alone @ along > 0.99  # all that the take alone tells
+    up = body.upward(skeleton, positions, rest)
+    assert up is not None and up[1] == 1
 
 
 def test_a_rest_pose_that_lies_does_not_tip_the_world():
     skeleton, _, rest = crawling((0, 0, 1), up=(0, 1, 0))
     walking = rest[:, [0, 2, 1]] + np.linspace(0, 4, 20)[:, None, None] * [1, 0, 0]  # a file with z up
-    np.testing.assert_allclose(body.upward(skeleton, walking, rest), [0, 0, 1], atol=1e-6)
+    up = body.upward(skeleton, walking, rest)
+    assert up is not None and up[2] > 0.999
 
 
 

@@ -59,7 +59,7 @@ def test_damage_then_repair_then_compare(here, capsys):
     assert "120:150" in said
     assert "rest untouched" in said
     assert Path("fixed.png").read_bytes().startswith(b"\x89PNG")
-    report = json.loads(Path("fixed.report.json").read_text())
+    report = json.loads(Path("fixed.bvh.report.json").read_text())
     assert report["output"] == "fixed.bvh"
     assert report["checks"]["changed"]["value"] == 0
     errors = []
@@ -81,7 +81,7 @@ def test_named_ranges_and_a_named_report(here):
     fills = json.loads(Path("said.json").read_text())["fills"]
     told = [(fill["start"], fill["stop"], fill["method"]) for fill in fills]
     assert told == [(60, 96, "hermite"), (200, 230, "hermite")]
-    assert not Path("fixed.report.json").exists()
+    assert not Path("fixed.bvh.report.json").exists()
 
 
 def test_one_bad_file_does_not_stop_the_rest(here, capsys):
@@ -172,7 +172,7 @@ def test_the_demo_ends_with_a_take_a_report_and_a_picture(here, capsys):
     assert main(["demo", "-o", "demo"]) == 0
     said = capsys.readouterr().out
     names = {path.name for path in Path("demo").iterdir()}
-    assert names == {"walk.bvh", "broken.bvh", "fixed.bvh", "fixed.report.json", "fixed.png"}
+    assert names == {"walk.bvh", "broken.bvh", "fixed.bvh", "fixed.bvh.report.json", "fixed.png"}
     assert "128:170" in said
     # The commands it prints do what it says it did.
     lines = [line.removeprefix("$ motionmend ").split("   (")[0] for line in said.splitlines() if line.startswith("$")]

@@ -19,8 +19,8 @@ Array = np.ndarray
 
 KINDS = {
     "body": "the whole rig is missing",
-    "limb": "a limb of the rig is missing",
-    "lower limb": "the lower part of a limb is missing",
+    "limb": "a whole limb is missing",
+    "lower limb": "the outer part of a limb is missing",
     "extremity": "a hand, a foot or a head is missing",
     "all points": "every point is missing",
     "joints": "joints of a skeleton are missing",
@@ -114,7 +114,7 @@ class Auto(Fill):
     def _trial(self, motion: Motion, joints: Array, start: int, stop: int) -> Array | None:
         """Each tried method's mean error `(methods, joints)` on gaps like this one before and after it, or None."""
         length, context = stop - start, max(3, round(0.1 * motion.fps))
-        hidden = ~motion.observed[start:stop].all(axis=0)
+        hidden = np.asarray(~motion.observed[start:stop].all(axis=0))
         errors = []
         for first in (start - context - length, stop + context):
             around = slice(max(first - 4 * context, 0), first + length + 4 * context)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -90,7 +92,7 @@ class Repair(Reading):
     map: Path | None = None
     """A TOML file that says which joint is which."""
     report: Path | None = None
-    """Where the JSON report goes; otherwise beside the output, as NAME.report.json."""
+    """Where the JSON report goes; otherwise beside the output, as OUTPUT.report.json."""
     picture: Path | None = None
     """Also draw the repair, as PNG."""
     json: bool = False
@@ -107,16 +109,16 @@ class Repair(Reading):
         folder = many or self.output.is_dir() or not self.output.suffix
         if many and (self.report or self.picture):
             raise InputError("--report and --picture name one file", hint="for several takes leave them out")
+        if many and not self.output.is_dir() and (self.output.suffix or self.output.exists()):
+            raise InputError("several takes need a folder", where=self.output, hint="say -o repaired/")
         if folder:
-            if self.output.is_file():
-                raise InputError("several takes need a folder", where=self.output)
             self.output.mkdir(parents=True, exist_ok=True)
 
         def one(path: Path) -> None:
             target = self.output / path.name if folder else self.output
             if not format_of(target).writes:
                 target = target.with_suffix(FORMATS["bvh"].suffixes[0])
-            report = self.report or target.with_name(target.stem + ".report.json")
+            report = self.report or target.with_name(target.name + ".report.json")
             wanted = [target, report, *([self.picture] if self.picture else [])]
             refuse_to_overwrite(wanted, path, self.force)
             with following(path.name) as stage:
@@ -180,9 +182,12 @@ class Damage(Reading):
             for name in ("lost", "held", "jump", "swap", "displaced")
         }
         gaps = [parse_range(gap, len(take), take.fps) for gap in self.gap]
-        broken = plant(
-            take, gaps=gaps, dropout=self.dropout, noise=parse_length(self.noise), seed=self.seed, **spots
-        )  # fmt: skip
+        noise = parse_length(self.noise)
+        if not (gaps or any(spots.values()) or self.dropout or noise):
+            raise InputError("no damage was named", hint="say --gap, --lost, --held, --jump, --dropout or --noise")
+        if not 0 <= self.dropout <= 1:
+            raise InputError(f"a dropout of {self.dropout:g}", expected="a share from 0 to 1")
+        broken = plant(take, gaps=gaps, dropout=self.dropout, noise=noise, seed=self.seed, **spots)
         print(f"written: {save(broken, self.output, force=self.force)}")
         return 0
 
@@ -261,8 +266,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         COMMANDS, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
         description="Repair human motion capture, and touch nothing else.",
     )  # fmt: skip
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that cannot show "←" shows "?"
     try:
-        return command.run()
+        status = command.run()
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        # The reader (`head`, `less`) has seen enough. Python would complain again when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except (InputError, OSError, MemoryError) as error:
         return complain(error)
     except KeyboardInterrupt:
@@ -273,11 +287,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def each(files: Sequence[Path], one: Callable[[Path], None]) -> int:
     """Do `one` for every file; a bad one is named on stderr and does not stop the rest."""
     if not files:
-        raise InputError("no file was named")
+        raise InputError("no file was named", hint="name one or more takes, such as walk.bvh")
     bad = 0
     for path in files:
         try:
             one(path)
+        except BrokenPipeError:
+            raise
         except (InputError, OSError, MemoryError) as error:
             bad += complain(error, path)
     if bad and len(files) > 1:
@@ -297,6 +313,8 @@ def complain(error: Exception, path: Path | None = None) -> int:
 def refuse_to_overwrite(targets: Sequence[Path], source: Path, force: bool) -> None:
     """Refuse before the work starts rather than after it; a take is never written over itself."""
     for target in targets:
+        if not target.parent.is_dir():
+            raise InputError("no such folder", where=target.parent)
         if target.exists() and target.samefile(source):
             raise InputError("this would overwrite the take itself", where=target, hint="choose another output")
         if target.exists() and not force:

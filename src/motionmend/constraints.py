@@ -251,8 +251,8 @@ def checks(before: Take, after: Take, filled: Array, feet: Sequence[int] = ()) -
         clean &= ~np.roll(affected, shift, axis=0)
     return Checks(
         Check(changed, "samples", changed == 0, f"{changed} samples changed outside the repair"),
-        _seam_check(jumps, at_seam, clean, "mm"),
-        _seam_check(kinks, at_seam, clean, "mm/frame"),
+        _seam_check(jumps, at_seam, clean, "mm", after.skeleton.names),
+        _seam_check(kinks, at_seam, clean, "mm/frame", after.skeleton.names),
         _bone_check(after, points, affected),
         _feet_check(points[:, list(feet)], affected[:, list(feet)], after.fps),
         _unfilled(after),
@@ -275,17 +275,19 @@ def affected_by(take: Take, filled: Array) -> Array:
     return filled if take.rig is None else ~replace(take.rig, trusted=~filled).observed()
 
 
-def _seam_check(values: Array, at_seam: Array, clean: Array, unit: str) -> Check:
-    seams = values[at_seam & np.isfinite(values)]
+def _seam_check(values: Array, at_seam: Array, clean: Array, unit: str, names: Sequence[str]) -> Check:
+    at_seam = at_seam & np.isfinite(values)
+    seams = values[at_seam]
     usual = values[clean & np.isfinite(values)]
     own = float(np.percentile(usual, 99)) if len(usual) else None
     if not len(seams):
         return Check(None, unit, True, "no seams", own=own)
     worst, typical = float(seams.max()), float(np.median(seams))
     ok = worst <= max(SEAM_SLACK * (own or 0.0), SEAM_FLOOR)
-    text = f"{worst:.3g} {unit} at worst, {typical:.2g} typically"
+    frame, joint = np.unravel_index(np.argmax(np.where(at_seam, values, -1)), values.shape)
+    text = f"{worst:.3g} {unit} at worst ({names[int(joint)]}, frame {frame}), {typical:.2g} typically"
     if own is not None:
-        text += f" (the take's own 99 %: {own:.2g})"
+        text += f"; the take's own 99 %: {own:.2g}"
     return Check(worst, unit, ok, text, typical, own)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .comparison import compare
 from .damage import plant
+from .errors import InputError
 from .inspection import inspect
 from .io import load, save, write_whole
 from .picture import draw_repair
@@ -21,7 +22,9 @@ JUMP = ("RightLeg", 310, 313)
 
 
 def demo(folder: Path) -> None:
-    """Write walk.bvh, broken.bvh, fixed.bvh, fixed.report.json and fixed.png into `folder`, and say how."""
+    """Write walk.bvh, broken.bvh, fixed.bvh, fixed.bvh.report.json and fixed.png into `folder`, and say how."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError("this is a file", where=folder, expected="a folder for the demonstration")
     folder.mkdir(parents=True, exist_ok=True)
     truth_path, broken_path, fixed_path = (folder / name for name in ("walk.bvh", "broken.bvh", "fixed.bvh"))
     with (files("motionmend") / "examples" / "walk.bvh").open("rb") as source, truth_path.open("wb") as target:
@@ -41,7 +44,7 @@ def demo(folder: Path) -> None:
 
     fixed = repair(broken)
     save(fixed, fixed_path, force=True)
-    report, picture = fixed_path.with_suffix(".report.json"), fixed_path.with_suffix(".png")
+    report, picture = folder / "fixed.bvh.report.json", folder / "fixed.png"
     write_whole(report, lambda temporary: temporary.write_text(fixed.report.to_json(), encoding="utf-8"))
     write_whole(picture, lambda temporary: draw_repair(broken, fixed, temporary, truth))
     step(f"repair {broken_path} -o {fixed_path} --picture {picture}")

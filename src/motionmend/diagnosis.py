@@ -316,7 +316,7 @@ def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     found: dict[tuple[str, int, int, bool], list[tuple[Track, Tear]]] = {}
     for track in tracks:
         for tear in tears(track, take.fps):
-            found.setdefault((tear.cause, tear.start, tear.stop, tear.certainty >= CERTAIN), []).append((track, tear))
+            found.setdefault((tear.cause, tear.start, tear.stop, round(tear.certainty, 2) >= CERTAIN), []).append((track, tear))
     words = {"jump": "out and back by {}", "displaced": "off by about {}", "step": "a step of {} that is not undone"}
     for (cause, start, stop, _), which in found.items():
         joints = sorted({track.joint for track, _ in which})

@@ -66,7 +66,8 @@ def repair(
     """
     asked = mask_of(take, gaps, lost)
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
-    findings, whole, wrong = (), take, asked
+    findings, whole, wrong = (), take, asked | ~take.trusted
+    swapped, calibration = np.zeros((2, *asked.shape), bool)
     if find or (find is None and not asked.any()):
         stage("looking for damage")
         found = diagnosis.diagnose(take)
@@ -74,36 +75,40 @@ def repair(
         for finding in findings:
             if finding.cause == "swap" and finding.certainty >= diagnosis.CERTAIN:
                 whole = diagnosis.unswap(whole, finding)
+                swapped[finding.start : finding.stop, list(finding.indices)] = True
+            elif finding.cause == "t-pose":
+                calibration[finding.start : finding.stop] = True
         wrong = wrong | found.untrusted
-    damaged = whole.distrust(wrong)
-    hidden = ~damaged.trusted
-    if hidden.all():
+    # A calibration pose stays in the file, but says nothing of the motion that follows it.
+    calibration &= ~wrong
+    damaged = whole.distrust(wrong | calibration)
+    if not damaged.trusted.any():
         found = "no sample of this take can be trusted: there is nothing to repair it from"
         raise InputError(found, where=take.source)
 
-    too_long = np.zeros_like(hidden)
+    too_long = np.zeros_like(wrong)
     if max_gap is not None:
         limit = parse_frames(max_gap, take.fps) if isinstance(max_gap, str) else max_gap
-        too_long = longer(damaged.trusted, limit)
+        too_long = wrong & longer(~wrong, limit)
 
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
     stage("filling gaps")
     filled, done = fill(damaged, method, donors, legs)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
-    changed = hidden & filled.trusted & ~too_long
+    filled = _put_back(filled, whole, calibration)
+    changed = wrong & filled.trusted & ~too_long
+    if plant_feet and changed.any():
+        stage("planting feet")
+        filled, _ = feet.plant_feet(filled, changed, legs)
+    mended = changed | swapped
     checked = {}
-    if changed.any():
-        if plant_feet:
-            stage("planting feet")
-            filled, _ = feet.plant_feet(filled, changed, legs)
+    if mended.any():
         stage("checking")
-        checked = checks(whole, filled, changed, feet.soles(legs)).as_dict()
-    notes = take.notes
+        checked = checks(take, filled, mended, feet.soles(legs)).as_dict()
     if denoise:
         stage("denoising")
         filled = smoothed(filled, denoise, cutoff=cutoff)
-        notes = (*notes, f"the whole take was denoised by {denoise}, as asked: every sample may have changed")
     report = Report(
         source=Path(take.source).name,
         format=take.format,
@@ -111,12 +116,14 @@ def repair(
         fps=take.fps,
         units=take.units.why,
         samples=int(take.trusted.size),
-        repaired=int(changed.sum()),
+        repaired=int(mended.sum()),
         findings=[diagnosis.told(finding) for finding in findings],
-        fills=_rows(damaged, done, changed, method),
-        left=_rows(damaged, done, hidden & ~changed, method),
+        fills=_exchanged(take, findings) + _rows(damaged, done, changed, method),
+        left=_rows(damaged, done, wrong & ~mended & ~too_long, method)
+        + _rows(damaged, done, too_long, method, f"longer than {max_gap}"),
         checks=checked,
-        notes=notes,
+        notes=take.notes,
+        denoised=denoise or "",
     )
     return replace(filled, report=report)
 
@@ -184,26 +191,41 @@ def _put_back(filled: Take, source: Take, kept: Array) -> Take:
     return filled.with_rig(rig)
 
 
-def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str) -> list[Filled]:
+def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") -> list[Filled]:
     """The report's lines: the gaps that lie in `wanted`, those of the same frames and fate together."""
     kinds = auto.rig_kinds(take.rig, gaps) if take.rig else auto.point_kinds(take.motion, gaps)
     together: dict[tuple[int, int, str, str], list[str]] = {}
     for row, kind in enumerate(kinds):
-        joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
-        if not wanted[start, joint]:
+        joint, first = int(gaps.joint[row]), int(gaps.start[row])
+        inside = np.flatnonzero(wanted[first : gaps.stop[row], joint])
+        if not len(inside):
             continue
-        method = str(gaps.method[row])
-        if gaps.is_blank[row]:
-            why = "never seen"
-        elif gaps.is_edge[row]:
-            side = "after" if gaps.before[row] else "before"
-            why = f"nothing is known {side} it" + ", extrapolated" * bool(method)
-        elif not method or asked == "auto":
-            why = gaps.reasons.get(row, auto.KINDS[kind])
-        else:
-            why = "as asked" if method == asked else f"no donors for {asked}"
+        start, stop = first + int(inside[0]), first + int(inside[-1]) + 1
+        method = "" if because else str(gaps.method[row])
+        why = because or _why(gaps, row, method, asked, auto.KINDS[kind])
         together.setdefault((start, stop, method, why), []).append(take.skeleton.names[joint])
     return [
         Filled(tuple(names), start, stop, (stop - start) / take.fps, method, why)
         for (start, stop, method, why), names in sorted(together.items())
+    ]
+
+
+def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
+    if gaps.is_blank[row]:
+        return "never seen"
+    if gaps.is_edge[row]:
+        side = "after" if gaps.before[row] else "before"
+        return f"nothing is known {side} it" + ", extrapolated" * bool(method)
+    if asked == "auto":
+        return gaps.reasons.get(row, kind)
+    return "as asked" if method == asked else f"no donors for {asked}"
+
+
+def _exchanged(take: Take, findings: Iterable[diagnosis.Finding]) -> list[Filled]:
+    """The report's lines of swaps that were undone."""
+    why = "left and right exchanged back, nothing interpolated"
+    return [
+        Filled(swap.joints, swap.start, swap.stop, (swap.stop - swap.start) / take.fps, "swap", why)
+        for swap in findings
+        if swap.cause == "swap" and swap.certainty >= diagnosis.CERTAIN
     ]

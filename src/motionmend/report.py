@@ -31,7 +31,8 @@ class Report:
 
     findings : what diagnosis found (cause, joints, frames, certainty, detail), as dicts.
     fills : what was filled, and by which method and why; left : what was not, and why.
-    checks : name → {value, unit, ok, …}: samples changed outside, seams, bone lengths, feet.
+    checks : name → {value, unit, ok, …}: samples changed outside, seams, bone lengths, feet; before denoising.
+    denoised : the filter that changed every sample afterwards, if one was asked for.
     """
 
     source: str
@@ -46,6 +47,7 @@ class Report:
     left: list[Filled] = field(default_factory=list)
     checks: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    denoised: str = ""
     output: str = ""
 
     def to_json(self) -> str:
@@ -71,7 +73,8 @@ class Report:
         if self.checks:
             rows = [(name, check["text"], "ok" if check["ok"] else "LOOK") for name, check in self.checks.items()]
             lines += ["", "checks", table(("check", "value", ""), rows)]
-        lines += ["", f"{self.repaired} of {self.samples} samples repaired ({share:.2f} %), the rest untouched"]
+        rest = f"then the whole take denoised by {self.denoised}, as asked" if self.denoised else "the rest untouched"
+        lines += ["", f"{self.repaired} of {self.samples} samples repaired ({share:.2f} %), {rest}"]
         return "\n".join(lines)
 
 

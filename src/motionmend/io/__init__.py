@@ -71,9 +71,9 @@ def load(
     """
     path = Path(path)
     hints = Hints(unit, up, fps, None if asf is None else str(asf))
-    format = format_of(path)
     if not path.is_file():
-        raise InputError("no such file" if not path.exists() else "not a file", where=path)
+        raise InputError("no such file" if not path.exists() else "this is a folder", where=path)
+    format = format_of(path)
     with path.open("rb") as file:
         head = file.read(512)
     if not head.strip():
@@ -130,7 +130,8 @@ def format_of(path: Path) -> Format:
         if path.suffix.lower() in format.suffixes:
             return format
     known = ", ".join(suffix for format in FORMATS.values() for suffix in format.suffixes)
-    raise InputError(f"unknown suffix {path.suffix!r}", where=path, expected=f"one of {known}")
+    hint = "Blender turns FBX into BVH, and imports GLB" if path.suffix.lower() == ".fbx" else ""
+    raise InputError(f"unknown suffix {path.suffix!r}", where=path, expected=f"one of {known}", hint=hint)
 
 
 def _check_rig_drives(take: Take) -> None:

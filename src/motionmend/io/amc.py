@@ -54,7 +54,7 @@ def read(path: Path, hints: Hints) -> Take:
     if not hints.fps:
         notes.append("AMC has no rate; 120 fps assumed; set --fps if you know it")
 
-    few = values[np.unique(np.linspace(0, len(values) - 1, 50).astype(int))]
+    few = values[sorted(set(np.linspace(0, len(values) - 1, 50).astype(int).tolist()))]
     rig = _rig(figure, few, Units(1.0, "y", ""))
     pose = rig.kinematics[0]
     units = resolve(

@@ -51,7 +51,7 @@ def read(path: Path, hints: Hints) -> Take:
         notes.append("some joints share a name; the later ones are numbered here, and not in the file")
     skeleton = Skeleton(unique, tuple(tree.parents))
 
-    few = channels[np.unique(np.linspace(0, len(channels) - 1, 50).astype(int))]
+    few = channels[sorted(set(np.linspace(0, len(channels) - 1, 50).astype(int).tolist()))]
     plain = _rig(tree, skeleton, few, Units(1.0, "y", ""))
     pose, unturned = plain.kinematics[0], np.broadcast_to(IDENTITY, (1, len(skeleton), 4))
     rest = forward_kinematics(unturned, plain.offsets[None], skeleton.parents)[0][0]

@@ -49,7 +49,8 @@ _TITLES = [
 _POSITION = re.compile(r"[\s_.:|/\-]+(pos|position|translation|trans|loc|location|coord|coordinates?|world)$", re.I)
 # What is no position: always, and where the same name comes with positions too (a marker may be called "acc").
 _NO_POSITION = re.compile(
-    r"(^|[\s_.:|/\-])(rot|rotation|quat|quaternion|orientation|euler|angles?|velocity|acceleration|force|moment|torque)$",
+    r"(^|[\s_.:|/\-])(rot|rotation|quat|quaternion|orientation|euler|angles?|velocity|acceleration|force|moment|torque|"
+    r"accelerometer|gyroscope|magnetometer)$",
     re.I,
 )
 _BESIDE = re.compile(r"[\s_.:|/\-](vel|speed|acc|accel|gyro|mag|power|r)$", re.I)
@@ -310,7 +311,8 @@ def _two_rows(above: list[str], titles: list[str]) -> _Found | None:
     axes = [title.lower() for title in titles]
     if sum(axis in ("x", "y", "z") for axis in axes) < 3 or not any(above):
         return None
-    points, columns = _points(_filled_forward(above, len(axes)), axes)
+    names = ["" if _NO_POSITION.search(name) else name for name in _filled_forward(above, len(axes))]
+    points, columns = _points(names, axes)
     return ("wide table with two rows of titles", points, columns, None) if points else None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import sys
 import tokenize
 import zipfile
 import zlib
@@ -81,6 +82,8 @@ class Archive:
         with self._explained(), self._zip.open(info) as file:
             array = np.lib.format.read_array(file, allow_pickle=False)
             file.read()  # to the end, where the checksum is compared
+        if dtype.kind == "U" and array.size and int(_code_points(array).max()) > sys.maxunicode:
+            raise InputError(f"{key!r} is no text", where=self.path, hint="is the file damaged?")
         return array
 
     def rewritten(self, path: Path, arrays: Mapping[str, Array]) -> None:
@@ -103,6 +106,11 @@ class Archive:
         except _UNREADABLE as error:
             said = str(error).strip().splitlines()[0][:120] if str(error).strip() else type(error).__name__
             raise InputError(f"the archive cannot be read ({said})", where=self.path, hint="is it cut off?") from error
+
+
+def _code_points(text: Array) -> Array:
+    """The numbers of the characters of a text array; Python crashes on some that are none."""
+    return np.ascontiguousarray(text.astype(text.dtype.newbyteorder("="))).reshape(-1).view(np.uint32)
 
 
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype, int]:
