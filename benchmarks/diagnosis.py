@@ -194,11 +194,13 @@ def add(score: Score, take: Take, clean: Diagnosis, case: Case, broken: Take, tr
     where = (int(at[0]), int(at[-1]) + 1)
     hit = [f for f in seen.findings if f.cause in causes and changed[f.start : f.stop, list(f.indices)].any()]
     score.found += any(overlap(where, (f.start, f.stop)) >= 0.5 for f in hit)
-    known = {(f.cause, f.start, f.stop, f.indices) for f in clean.findings}
+    known = {(f.cause, f.start, f.stop, joint) for f in clean.findings for joint in f.indices}
     fresh = [
         f
         for f in seen.findings
-        if f.cause in causes and f.certainty >= CERTAIN and (f.cause, f.start, f.stop, f.indices) not in known
+        if f.cause in causes
+        and f.certainty >= CERTAIN
+        and any((f.cause, f.start, f.stop, joint) not in known for joint in f.indices)
     ]
     score.flagged += len(fresh)
     score.right += sum(bool(changed[f.start : f.stop, list(f.indices)].any()) for f in fresh)
@@ -220,7 +222,7 @@ def add_edges(score: Score, changed: Array, flagged: Array) -> None:
     """Of the joints whose damage was found: how often its first or last sample is still trusted."""
     for joint in np.flatnonzero(changed.any(axis=0)):
         damaged = flagged[changed[:, joint], joint]
-        if damaged.any():
+        if damaged.mean() >= 0.5:
             score.edges += 2
             score.edges_left += int(not damaged[0]) + int(not damaged[-1])
 
@@ -263,7 +265,8 @@ def print_found(files: list[tuple[Path, float]], seed: int) -> None:
                     add(score, take, clean, case, *planted)
     for kind, unit in (("channels", "°"), ("points", "mm")):
         print(f"\n### Planted in {kind}\n")
-        print("| cause | length | size | planted | found % | right % | samples found % | samples right % | edges left % |")
+        print("| cause | length | size | planted | found % | right % ", end="")
+        print("| samples found % | samples right % | edges left % |")
         print("|---|---|---|--:|--:|--:|--:|--:|--:|")
         for case, score in zip(CASES, scores[kind]):
             length = f"{case.seconds:g} s" if case.seconds else "1 frame" if case.cause in ("jump", "t-pose") else "–"

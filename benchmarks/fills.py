@@ -2,8 +2,8 @@
 
     python benchmarks/fills.py --data DIR [--subjects 06 16] [--seed 0]
 
-DIR holds the CMU trials, one folder a subject. A rig loses its body, an arm, a leg, a forearm, a shin, a hand or a
-foot, again and again along each take, for as long as the column says. Real marker files are not among these
+DIR holds the folder `cmu`, with one folder a subject. A rig loses its body, an arm, a leg, a forearm, a shin, a hand or
+a foot, again and again along each take, for as long as the column says. Real marker files are not among these
 data: markers are made here, three or four on each bone, riding on it with 1 to 5 mm of slow soft-tissue drift (0.3 s)
 and 0.1 mm of jitter. The error is that of the missing joints or markers, in space.
 """
@@ -174,7 +174,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="only every n-th take, for a quick look")
     options = parser.parse_args()
-    data = takes(options.data, options.subjects)[:: options.every]
+    data = takes(options.data / "cmu", options.subjects)[:: options.every]
     frames = sum(len(rig.trusted) for _, rig, _ in data)
     print(f"{len(data)} takes, {frames} frames, subjects {', '.join(options.subjects)}, seed {options.seed}, "
           f"Python {platform.python_version()}, NumPy {np.__version__}")  # fmt: skip

@@ -271,6 +271,13 @@ def test_a_prefix_that_all_names_share_says_nothing(prefix):
     assert map_rig(renamed).joints == map_rig(skeleton).joints
 
 
+@pytest.mark.parametrize("suffix", ["Joint", "_dup", ".bone", "_{}"])
+def test_an_ending_that_all_names_share_says_nothing(suffix):
+    skeleton, _ = rig_of(*CONVENTIONS["LaFAN1"], bones=True)
+    names = tuple(name + suffix.format(7 * joint) for joint, name in enumerate(skeleton.names))
+    assert map_rig(replace(skeleton, names=names)).joints == map_rig(skeleton).joints
+
+
 def test_rigify_without_a_named_hips_or_neck():
     names = "spine spine.001 spine.002 spine.003 spine.004 spine.006 shoulder.L upper_arm.L forearm.L hand.L "
     names += "shoulder.R upper_arm.R forearm.R hand.R thigh.L shin.L foot.L toe.L thigh.R "

@@ -339,7 +339,7 @@ def test_clock_times_are_left_alone(tmp_path):
         (WIDE.splitlines(keepends=True)[0], ":1", "no data"),
         ("hello world\n", "", "no columns of coordinates"),
         # an inertial sensor's readings, as APDM writes them
-        (",7,,,\nTime,Accelerometer,,,\n,X,Y,Z\n0,1,2,3\n0.1,1,2,3\n", "", "no columns of coordinates"),
+        (",7\nTime,Accelerometer,,,Gyroscope\n,X,Y,Z,X,Y,Z\n0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n", "", "no columns of coord"),
         ("a_X,a_Y\n1,2\n", ":1", "no z"),
         ("frame,joint,x,y\n1,a,2,3\n", ":1", "no z"),
         (LONG + "3,nose,1,1,1,1,1\n", ":7", "second row for 'nose' in frame 3"),

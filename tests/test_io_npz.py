@@ -205,6 +205,13 @@ def test_amass_is_told_what_it_needs(tmp_path, width, model):
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize("width, model", [(69, "SMPL"), (63, "SMPL-X")])
+def test_parameters_of_a_body_model_are_told_what_they_need(tmp_path, width, model):
+    path = saved(tmp_path, body_pose=np.zeros((7, width)), global_orient=np.zeros((7, 3)), transl=np.zeros((7, 3)))
+    with pytest.raises(InputError, match=rf"angles of a {model} body in 7 frames.*smplx"):
+        mm.load(path)
+
+
 def test_human36m_is_told_what_it_needs(tmp_path):
     takes = np.array({"S1": {"Walking": np.zeros((5, 32, 3))}}, dtype=object)
     with pytest.raises(InputError, match=r"Human3\.6M.*np\.savez"):

@@ -90,8 +90,12 @@ def map_rig(
     found = body_names.limbs(parsed)
     found |= body_shape.trunk(skeleton, parsed, found, sample)
     rig = body_names.convention(skeleton.names) or "by names"
-    if not _is_body(found):
-        found, rig = (sample is not None and body_shape.search(skeleton, sample)) or (found, "")
+    if not _is_body(found) or len(found) < 8:  # half the joints of the plainest stick figure
+        shaped = None if sample is None else body_shape.search(skeleton, sample)
+        if shaped and len(shaped[0]) > len(found):
+            found, rig = shaped
+        elif not _is_body(found):
+            rig = ""
     person = _is_body(found) and not body_shape.is_quadruped(skeleton.names, found, sample)
     for name, joint_name in (overrides or {}).items():
         if name not in JOINT:

@@ -16,16 +16,16 @@ SIDES = ("left", "right")
 
 # Per part of a limb, the stems that mean it, surest first. Stems in DOUBTFUL wait for their siblings.
 LIMB_STEMS = {
-    "shoulder": "clavicle collar collarbone clp claviclejoint 肩",
+    "shoulder": "clavicle collar collarbone clp 肩",
     "upper_arm": "upperarm uparm humerus shldr shldrbend uarm hup sjc shoulderjoint upperarm01 腕",
     "forearm": "forearm lowerarm lowarm loarm elbow radius farm forearmbend huo ejc elbowjoint lowerarm01 ひじ",
     "hand": "wrist wjc rao wristjoint hand 手首",
     "thigh": "thigh upleg upperleg femur thighbend uleg fep hjc upperleg01 足",
-    "shin": "shin lowerleg lowleg loleg calf tibia knee feo kjc kneejoint lowerleg01 ひざ",
+    "shin": "shin lowerleg lowleg loleg calf tibia knee feo kjc lowerleg01 ひざ",
     "foot": "ankle ajc tio anklejoint foot 足首",
-    "toe": "foo toe toes toebase ball toe0 forefoot bigtoe foottoe toesjoint つま先",
+    "toe": "foo toe toes toebase ball toe0 forefoot bigtoe foottoe つま先",
 }
-DOUBTFUL = ("shoulder", "arm", "leg", "hip", "hipjoint")
+DOUBTFUL = ("shoulder", "arm", "leg", "hip")
 SURE = {stem: part for part, stems in LIMB_STEMS.items() for stem in stems.split()}
 RANK = {stem: rank for stems in LIMB_STEMS.values() for rank, stem in enumerate(stems.split())}
 
@@ -48,14 +48,22 @@ _SIDE_WORDS = {"l": "left", "left": "left", "lft": "left", "左": "left", "r": "
 def parsed(names: Sequence[str]) -> list[tuple[str, str]]:
     """Each name as `(side, stem)`: side "left", "right" or ""; a stem that means nothing here is ""."""
     words = [_words(name) for name in names]
-    # What most names start with says nothing: mixamorig, Bip01, Character1, CC_Base, DEF, a skeleton's name.
-    while True:
-        firsts = Counter(each[0] for each in words if len(each) > 1 and each[0] not in _SIDE_WORDS)
-        first, count = firsts.most_common(1)[0] if firsts else ("", 0)
-        if count < 3 or count < 0.6 * sum(len(each) > 1 for each in words) or first in SURE or first in MIDDLE:
-            break
-        words = [each[1:] if len(each) > 1 and each[0] == first else each for each in words]
+    # The numbers of glTF's nodes: "Bip001 L Thigh_179".
+    if len({each[-1] for each in words if len(each) > 1 and each[-1].isdigit()}) > 0.8 * len(words):
+        words = [each[:-1] for each in words]
+    # What most names start or end with says nothing: mixamorig, Bip01, CC_Base, DEF, a skeleton's name; Joint, dup.
+    for end, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
+        while word := _shared(words, end):
+            words = [each[rest] if len(each) > 1 and each[end] == word else each for each in words]
     return [_side_and_stem(each) for each in words]
+
+
+def _shared(words: Sequence[list[str]], end: int) -> str:
+    """The word at this end (0 or -1) of most names that have more than one, or ""."""
+    ends = Counter(each[end] for each in words if len(each) > 1 and each[end] not in _SIDE_WORDS)
+    word, count = ends.most_common(1)[0] if ends else ("", 0)
+    rare = count < 3 or count < 0.6 * sum(len(each) > 1 for each in words)
+    return "" if rare or _known(word) or word in MIDDLE else word
 
 
 def _words(name: str) -> list[str]:
@@ -113,9 +121,8 @@ def _limb(stems: dict[str, int]) -> dict[str, int]:
         found.setdefault(SURE[stem], stems[stem])
     if "ankle" in stems and "foot" in stems:
         found.setdefault("toe", stems["foot"])  # SMPL, Kinect: the foot comes after the ankle
-    for stem in ("hip", "hipjoint"):  # CMU's lhipjoint lies in the pelvis, beside a femur or a LeftHip
-        if stem in stems:
-            found.setdefault("thigh", stems[stem])
+    if "hip" in stems:
+        found.setdefault("thigh", stems["hip"])
     if "leg" in stems:
         found.setdefault("shin" if "thigh" in found else "thigh", stems["leg"])
     if "arm" in stems:

@@ -1,10 +1,9 @@
 """Find damage: which of a file's own numbers cannot be trusted, and why.
 
 Points are judged as points. Channels are judged as channels, each joint's own turn (and shift, if it has
-one) in its parent's frame, so that one bad shoulder does not accuse the whole arm; the world is a witness: a
-joint whose children make up for its jump is told and left alone. No body and no names are needed, but for
-left/right swaps, which need names. Everything scales with the frame rate and with what the same joint does in
-the rest of the take. `symptoms` judges the numbers; here they become findings.
+one) in its parent's frame, so that one bad shoulder does not accuse the whole arm; but one whose children make
+up for it is left alone. No body and no names are needed, but for left/right swaps, which need names. Everything
+scales with the frame rate and with what the same joint does in the rest of the take. `symptoms` judges numbers.
 """
 
 from __future__ import annotations
@@ -16,31 +15,17 @@ from typing import Any
 
 import numpy as np
 
+from . import symptoms
 from .curves import velocity_frames
 from .damage import exchange_channels, exchanged, mirrored_pairs
 from .metrics import steps
 from .motion import Array, Rig, Take, runs
 from .rigfills import fill_rig
-from .rotations import IDENTITY, forward_kinematics
-from .symptoms import (
-    FEW,
-    Tear,
-    Track,
-    calibration_frames,
-    continuous_track,
-    copies,
-    exchange_costs,
-    exchange_seams,
-    held_runs,
-    noise_level,
-    tears,
-)
+from .symptoms import FEW, Piece, Tear, Track
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
 ROUGHER = 1.1  # times as rough as before: what the joints below may be, at the seams, after a replacement
 SEAM = 3  # frames from which a seam's roughness is measured, on each side
-
-Piece = tuple[int, int, int]  # joint, start, stop
 
 
 @dataclass(frozen=True)
@@ -122,7 +107,7 @@ def _tracks(take: Take) -> Iterator[Track]:
             kinds += [(False, take.rig.translations[:, joint].copy())] if take.rig.moves[joint] else []
         for turns, values in kinds:
             values[distrusted] = np.nan
-            track = Track(joint, turns, continuous_track(values) if turns else values)
+            track = Track(joint, turns, symptoms.continuous_track(values) if turns else values)
             if track.is_lively:
                 yield track
 
@@ -180,13 +165,13 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
     if not tracks:
         return findings, bad
     everyone = range(len(take.skeleton))
-    copied = np.stack([copies(track.values) for track in tracks], axis=1)
+    copied = np.stack([symptoms.copies(track.values) for track in tracks], axis=1)
     still = np.logical_and.reduce(copied, axis=1)
     if len(runs(still)) > 0.05 * len(take):
         detail = f"{100 * still.mean():.0f} % of the frames repeat the one before: made from a lower rate"
         findings.append(_finding(take, "held", everyone, 0, len(take), 0.3, detail))
     else:
-        if first := calibration_frames(tracks, take.fps):
+        if first := symptoms.calibration_frames(tracks, take.fps):
             detail = f"a pose that the take leaves at once in frame {first}; it is left as it is"
             findings.append(_finding(take, "t-pose", everyone, 0, first, 0.9, detail))
             copied[: first + 1] = False
@@ -204,7 +189,7 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
         track.values[accused[:, track.joint]] = np.nan
     findings += _torn(take, tracks)
     if rig is not None:
-        findings = _borne_out(take, rig, findings)
+        findings = list(_borne_out(take, rig, findings))
     return findings, bad | _painted(findings, bad.shape)
 
 
@@ -226,7 +211,7 @@ def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Fi
     frozen = np.zeros(copied.shape, np.float32)  # with what certainty
     every = []
     for number, track in enumerate(tracks):
-        for start, stop, certainty in held_runs(track.values, take.fps):
+        for start, stop, certainty in symptoms.held_runs(track.values, take.fps):
             every.append((track.joint, start, stop, certainty))
             frozen[start:stop, number] = certainty
     lively = copied.mean(axis=0) < 0.5
@@ -266,11 +251,11 @@ def _swaps(take: Take, tracks: list[Track]) -> list[Finding]:
         for turns in (True, False)
         if (left, turns) in by_place and (right, turns) in by_place
     ]
-    costs = [exchange_costs(left, right, take.fps) for left, right in twins]
+    costs = [symptoms.exchange_costs(left, right, take.fps) for left, right in twins]
     support: Counter[tuple[int, int]] = Counter()
     single: list[int] = []
     for (left, _), (kept, other) in zip(twins, costs):
-        seams = exchange_seams(kept, other, left.least, take.fps)
+        seams = symptoms.exchange_seams(kept, other, left.least, take.fps)
         support.update(zip(seams[::2], seams[1::2]))
         single += seams[len(seams) // 2 * 2 :]
     stretches: dict[tuple[int, int], float] = {}
@@ -308,15 +293,16 @@ def _exchange_tracks(tracks: list[Track], swap: Finding) -> None:
                 one, two = by_place[left, turns], by_place[right, turns]
                 one[frames], two[frames] = two[frames].copy(), one[frames].copy()
                 if turns:
-                    one[:], two[:] = continuous_track(one), continuous_track(two)
+                    one[:], two[:] = symptoms.continuous_track(one), symptoms.continuous_track(two)
 
 
 def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     """Jumps, displaced stretches and steps, those of several joints in the same frames as one."""
     found: dict[tuple[str, int, int, bool], list[tuple[Track, Tear]]] = {}
     for track in tracks:
-        for tear in tears(track, take.fps):
-            found.setdefault((tear.cause, tear.start, tear.stop, round(tear.certainty, 2) >= CERTAIN), []).append((track, tear))
+        for tear in symptoms.tears(track, take.fps):
+            key = tear.cause, tear.start, tear.stop, round(tear.certainty, 2) >= CERTAIN
+            found.setdefault(key, []).append((track, tear))
     words = {"jump": "out and back by {}", "displaced": "off by about {}", "step": "a step of {} that is not undone"}
     for (cause, start, stop, _), which in found.items():
         joints = sorted({track.joint for track, _ in which})
@@ -329,7 +315,7 @@ def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
 def _noise(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     """A level, told and never mended unasked."""
     for turns, least, unit in ((False, 0.0015, 1000.0), (True, np.radians(0.75), np.degrees(1.0))):
-        levels = {track.joint: noise_level(track.values) for track in tracks if track.turns == turns}
+        levels = {track.joint: symptoms.noise_level(track.values) for track in tracks if track.turns == turns}
         noisy = [joint for joint, level in levels.items() if level > least]
         if noisy:
             level = np.median([levels[joint] for joint in noisy]) * unit
@@ -340,97 +326,60 @@ def _noise(take: Take, tracks: list[Track]) -> Iterator[Finding]:
 # What hangs below -----------------------------------------------------------------------------------------
 
 
-def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> list[Finding]:
-    """The findings; those that the world does not bear out are only told.
+def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Finding]:
+    """The findings; what the world does not bear out is only told.
 
     Solvers let hips jump and legs jump back by as much: nothing shows, and hips mended alone would throw the feet.
     """
     pieces = [(joint, f.start, f.stop) for f in findings if _replaceable(f) for joint in f.indices]
     excused = _made_up_for(rig, take.fps, pieces)
-    told_only = []
-    for number, finding in enumerate(findings):
-        where = finding.start, finding.stop
-        harmless = [joint for joint in finding.indices if (joint, *where) in excused and _replaceable(finding)]
+    for found in findings:
+        where = found.start, found.stop
+        harmless = [joint for joint in found.indices if _replaceable(found) and (joint, *where) in excused]
+        guilty = [joint for joint in found.indices if joint not in harmless]
+        if guilty:
+            yield _finding(take, found.cause, guilty, *where, found.certainty, found.detail)
         if harmless:
-            detail = f"{finding.detail}, but the joints below make up for it"
-            told_only.append(_finding(take, finding.cause, harmless, *where, 0.4, detail))
-            guilty = [joint for joint in finding.indices if joint not in harmless]
-            findings[number] = _finding(take, finding.cause, guilty, *where, finding.certainty, finding.detail)
-    return [finding for finding in findings if finding.indices] + told_only
+            why = f"{found.detail}, but the joints below make up for it"
+            yield _finding(take, found.cause, harmless, *where, 0.4, why)
 
 
 def _made_up_for(rig: Rig, fps: float, pieces: list[Piece]) -> set[Piece]:
     """The pieces whose replacement would make what hangs on their joints rougher.
 
-    Pieces of one chain are judged together. If they fail, the uppermost joint, for which the others may make
-    up, is excused, and the rest is judged again.
+    Those of one chain are judged together. If they fail, the uppermost joint, for which the others may make up,
+    is excused, and the rest is judged again.
     """
-    # End sites are joints too, here: what a hand or a toe does shows in them only.
-    parents = (*rig.skeleton.parents, *(joint for joint, _ in rig.ends))
+    parents = rig.skeleton.parents
     below = np.eye(len(parents), dtype=bool)
     for joint, parent in reversed(list(enumerate(parents))):
         if parent >= 0:
             below[parent] |= below[joint]
     excused: set[Piece] = set()
-    chains = _chains(pieces, below)
-    while chains:
-        rest: list[Piece] = []
-        for chain, is_rougher in zip(chains, _rougher(rig, fps, chains, parents, below)):
+    while chains := symptoms.chains(pieces, below, 2 * SEAM):
+        pieces = []
+        for chain, is_rougher in zip(chains, _rougher(rig, fps, chains, below)):
             if is_rougher:
                 top = min(joint for joint, _, _ in chain)  # parents come before their children
                 excused |= {piece for piece in chain if piece[0] == top}
-                rest += [piece for piece in chain if piece[0] != top]
-        chains = _chains(rest, below)
+                pieces += [piece for piece in chain if piece[0] != top]
     return excused
 
 
-def _chains(pieces: list[Piece], below: Array) -> list[list[Piece]]:
-    """Pieces in the same frames, or nearly so, of joints that hang on one another."""
-    done: list[list[Piece]] = []
-    near: list[list[Piece]] = []
-    for piece in sorted(pieces, key=lambda piece: piece[1]):
-        joint, start, _ = piece
-        chain, others = [piece], []
-        for other in near:
-            if max(stop for _, _, stop in other) + 2 * SEAM < start:
-                done.append(other)
-            elif any(below[joint, one] or below[one, joint] for one, _, _ in other):
-                chain += other
-            else:
-                others.append(other)
-        near = [*others, chain]
-    return done + near
-
-
-def _rougher(
-    rig: Rig, fps: float, chains: list[list[Piece]], parents: tuple[int, ...], below: Array
-) -> Iterator[bool]:
-    """For each chain, whether its joints' descendants move less smoothly at its seams once it is filled."""
+def _rougher(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) -> Iterator[bool]:
+    """For each chain, whether what its joints move is less smooth at its seams once it is filled."""
     reach = velocity_frames(fps) + SEAM
     hidden, near = np.zeros_like(rig.trusted), np.zeros(len(rig.trusted), bool)
     for joint, start, stop in (piece for chain in chains for piece in chain):
-        hidden[start:stop, joint] = True
-        near[max(0, start - reach) : stop + reach] = True
+        hidden[start:stop, joint] = near[max(0, start - reach) : stop + reach] = True
     at = np.flatnonzero(near)
     # Frames from elsewhere become neighbours here, but further from every gap and seam than anything looks.
     part = replace(rig, rotations=rig.rotations[at], translations=rig.translations[at], trusted=~hidden[at])
-    before, after = (_jumps(some, parents) for some in (part, fill_rig(part, fps)[0]))
-    moves = below.copy()
-    for joint in range(len(rig.skeleton)):
-        moves[joint, joint] = parents[joint] < 0 or rig.moves[joint]
+    before, after = (np.nan_to_num(steps(one.kinematics[0])[0]) for one in (part, fill_rig(part, fps)[0]))
+    moved = below.copy()
+    np.fill_diagonal(moved, (np.array(rig.skeleton.parents) < 0) | rig.moves)
     for chain in chains:
-        seams = np.unique([[start, stop] for _, start, stop in chain])
-        rows = np.unique(seams[:, None] + [-1, 0, 1])
+        rows = np.unique([[start - 1, start, start + 1, stop - 1, stop, stop + 1] for _, start, stop in chain])
         rows = np.searchsorted(at, rows[(rows >= 0) & (rows < len(near))])
-        place = np.ix_(rows, moves[[joint for joint, _, _ in chain]].any(axis=0))
-        yield bool(after[place].sum() > ROUGHER * before[place].sum() + 1e-3)
-
-
-def _jumps(rig: Rig, parents: tuple[int, ...]) -> Array:
-    """`(frames, joints and ends)` mm by which each step of a world position departs from its neighbours."""
-    frames = len(rig.rotations)
-    ends = np.array([offset for _, offset in rig.ends]).reshape(-1, 3)
-    turns = np.broadcast_to(IDENTITY, (frames, len(ends), 4))
-    rotations = np.concatenate([rig.rotations, turns], axis=1)
-    translations = np.concatenate([rig.translations, np.broadcast_to(ends, (frames, *ends.shape))], axis=1)
-    return np.nan_to_num(steps(forward_kinematics(rotations, translations, parents)[0])[0])
+        place = np.ix_(rows, moved[[joint for joint, _, _ in chain]].any(axis=0))
+        yield bool(after[place].sum() > ROUGHER * before[place].sum() + 1e-3)  # mm

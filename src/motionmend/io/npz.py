@@ -70,12 +70,14 @@ def read(path: Path, hints: Hints) -> Take:
 def _not_ours(archive: Archive) -> InputError:
     """What to say of an archive without positions: well-known ones are recognised by their keys."""
     keys, path = archive.keys, archive.path
-    if keys >= {"poses", "trans"} or keys >= {"root_orient", "pose_body", "trans"}:
-        shape = archive.shape("poses" if "poses" in keys else "pose_body")
+    amass = keys >= {"poses", "trans"} or keys >= {"root_orient", "pose_body", "trans"}
+    if amass or keys >= {"global_orient", "body_pose"}:
+        shape = archive.shape(next(key for key in ("poses", "pose_body", "body_pose") if key in keys))
         width = shape[-1] if len(shape) == 2 else 0
-        model = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X", 63: "SMPL-X"}.get(width, "SMPL")
+        model = {72: "SMPL", 69: "SMPL", 156: "SMPL-H", 165: "SMPL-X", 63: "SMPL-X"}.get(width, "SMPL")
         return InputError(
-            f"an AMASS archive: the angles of a {model} body in {shape[0] if shape else 0} frames, and no positions",
+            f"{'an AMASS archive' if amass else 'the parameters of a body model'}: "
+            f"the angles of a {model} body in {shape[0] if shape else 0} frames, and no positions",
             where=path, expected=_WANTED,
             hint=f"get the {model} body model from its makers, run the package smplx on these poses, betas and trans, "
             "and save its joints: np.savez('take.npz', positions=joints, fps=float(mocap_framerate), names=names, "
