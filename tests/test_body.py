@@ -521,6 +521,15 @@ def test_names_are_not_needed(takes):
     assert same >= 10 or "reactidle" in takes[0].source
 
 
+def test_a_few_known_names_do_not_hide_the_shape(bandai):
+    take = io.load(sorted((bandai / "data").glob("*.bvh"))[0])
+    known = {"LowerArm_L", "LowerArm_R", "LowerLeg_L", "LowerLeg_R"}
+    names = tuple(name if name in known else f"J{j}" for j, name in enumerate(take.skeleton.names))
+    mapping = map_rig(replace(take.skeleton, names=names), take.motion.positions)
+    assert mapping.rig == "by topology" and len(mapping.found) > 16
+    assert mapping.found["left_forearm"] == take.skeleton.index("LowerArm_L")
+
+
 def test_sides_that_cannot_be_told_stay_open(bandai):
     take = io.load(sorted((bandai / "data").glob("*.bvh"))[0])
     positions = take.motion.positions.copy()

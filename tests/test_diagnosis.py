@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import motionmend
 from motionmend.damage import mirrored_pairs, plant, plant_and_tell
 from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose, told, unswap
-from motionmend.io import load
+from motionmend.io import load, save
 from motionmend.motion import Motion, Skeleton, Take
+from motionmend.rotations import apply, from_rotvec, inverse, multiply
 from motionmend.symptoms import noise_level
 from test_damage import NAMES, UNITS, point_take, rig_take
 
@@ -266,6 +269,87 @@ def test_what_is_told_has_names_and_plain_numbers():
         "cause", "joints", "start", "stop", "certainty", "detail",
     }  # fmt: skip
     assert all(type(facts[name]) in (int, float) for name in ("start", "stop", "certainty"))
+
+
+# What the world says ----------------------------------------------------------------------------------------
+
+
+def jumping_root(start: int, stop: int, made_up: bool) -> Take:
+    """A rig whose root turns by 12 degrees and shifts by 6 cm, and whose children, if asked, undo it at once."""
+    take = rig_take(600)
+    assert take.rig is not None
+    places, turns = (array[start:stop] for array in take.rig.kinematics)
+    rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
+    rotations[start:stop, 0] = multiply(from_rotvec(np.array([0.0, 0.15, 0.15])), rotations[start:stop, 0])
+    translations[start:stop, 0] += [0.06, 0.0, 0.0]
+    if made_up:
+        back = inverse(rotations[start:stop, 0])
+        for child in (1, 3):
+            rotations[start:stop, child] = multiply(back, turns[:, child])
+            translations[start:stop, child] = apply(back, places[:, child] - translations[start:stop, 0])
+    moves = np.array([True, True, False, True, False])
+    return take.with_rig(replace(take.rig, rotations=rotations, translations=translations, moves=moves))
+
+
+@pytest.mark.parametrize("stop", [281, 320])
+def test_a_jump_that_the_joints_below_make_up_for_is_told_and_left_alone(stop):
+    diagnosis = diagnose(jumping_root(280, stop, made_up=True))
+    told_of = [f for f in diagnosis.findings if 0 in f.indices and (f.start, f.stop) == (280, stop)]
+    assert told_of and all(f.certainty < CERTAIN and "no smoother" in f.detail for f in told_of)
+    assert not diagnosis.untrusted.any()
+
+
+@pytest.mark.parametrize("stop", [281, 320])
+def test_a_jump_that_moves_what_is_below_is_found(stop):
+    expected = np.zeros((600, 5), bool)
+    expected[280:stop, 0] = True
+    assert np.array_equal(diagnose(jumping_root(280, stop, made_up=False)).untrusted, expected)
+
+
+def test_a_jump_below_a_root_that_is_made_up_for_is_found():
+    take = jumping_root(280, 281, made_up=True)
+    damaged, truth = plant_and_tell(take, jump=[([2], 400, 402)], held=[([4], 100, 130)], size=0.4)
+    assert np.array_equal(diagnose(damaged).untrusted, truth.mask)
+
+
+def test_a_jump_in_a_swapped_stretch_is_that_of_the_joint_it_belongs_to():
+    damaged = plant(rig_take(600), swap=[([1, 2], 250, 310)], jump=[([3], 280, 281)], size=0.4)
+    diagnosis = diagnose(damaged)
+    assert only(diagnosis, "swap").indices == (1, 3, 2, 4)
+    assert np.argwhere(diagnosis.untrusted).tolist() == [[280, 1]]
+
+
+def test_the_bundled_walk_keeps_its_hips():
+    """CMU's solver let the hips jump in frame 12, and the legs and the spine jump back."""
+    take = load(Path(motionmend.__file__).parent / "examples" / "walk.bvh")
+    diagnosis = diagnose(take)
+    assert any(f.joints == ("Hips",) and (f.start, f.stop) == (12, 13) for f in diagnosis.findings)
+    assert not diagnosis.untrusted[:, 0].any()
+
+
+# Rounding ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0, 0.0254])
+def test_a_value_that_is_held_in_another_rounding_is_held_from_its_first_frame(unit):
+    """What was recorded came as float32 in some unit; the value held was written anew, from metres."""
+    take = point_take(600)
+    recorded = (take.motion.positions / np.float32(unit)).astype(np.float32) * np.float32(unit)
+    off_by_one = np.nextafter(recorded, np.float32(np.inf))
+    for first, last in ((off_by_one, recorded), (recorded, off_by_one), (off_by_one, off_by_one)):
+        positions = recorded.copy()
+        positions[200:230, 3] = recorded[199, 3]
+        positions[199, 3], positions[229, 3] = first[199, 3], last[199, 3]
+        held = only(diagnose(cloud_of(positions)), "held")
+        assert (held.start, held.stop, held.certainty >= CERTAIN) == (200, 230, True)
+
+
+def test_a_value_that_is_held_in_a_converted_file_is_held_from_its_first_frame(tmp_path):
+    save(point_take(600), tmp_path / "walk.c3d")
+    walk = load(tmp_path / "walk.c3d")
+    save(plant(walk, held=[([2], 200, 230)]), tmp_path / "held.c3d")
+    held = only(diagnose(load(tmp_path / "held.c3d")), "held")
+    assert (held.start, held.stop, held.indices) == (200, 230, (2,))
 
 
 # Edges ------------------------------------------------------------------------------------------------------

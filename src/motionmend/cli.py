@@ -101,7 +101,7 @@ class Repair(Reading):
     """Overwrite files that exist."""
 
     def run(self) -> int:
-        from .io import FORMATS, format_of, save, write_whole
+        from .io import format_of, save, write_whole
         from .progress import following
         from .repairs import repair
 
@@ -116,11 +116,13 @@ class Repair(Reading):
 
         def one(path: Path) -> None:
             target = self.output / path.name if folder else self.output
-            if not format_of(target).writes:
-                target = target.with_suffix(FORMATS["bvh"].suffixes[0])
+            if folder and not format_of(target).writes:
+                target = target.with_suffix(".bvh")
             report = self.report or target.with_name(target.name + ".report.json")
             wanted = [target, report, *([self.picture] if self.picture else [])]
             refuse_to_overwrite(wanted, path, self.force)
+            if not format_of(target).writes:
+                raise InputError("this format can be read but not written", where=target, hint="write .bvh instead")
             with following(path.name) as stage:
                 stage("reading")
                 take = self.load(path)

@@ -21,10 +21,13 @@ from .damage import exchange_channels, exchanged, mirrored_pairs
 from .metrics import steps
 from .motion import Array, Rig, Take, runs
 from .rigfills import fill_rig
+from .rotations import apply
 from .symptoms import FEW, Piece, Tear, Track
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
-ROUGHER = 1.1  # times as rough as before: what the joints below may be, at the seams, after a replacement
+# How rough at the seams, against before, a replacement may leave what hangs on the joint. A jump must show there;
+# a held value is known by repeating to the last digit, and to have filled it must only do no harm.
+ROUGHNESS = {"jump": 0.9, "displaced": 0.9, "held": 1.2}
 SEAM = 3  # frames from which a seam's roughness is measured, on each side
 
 
@@ -203,7 +206,7 @@ def _painted(findings: list[Finding], shape: tuple[int, ...]) -> Array:
 
 
 def _replaceable(finding: Finding) -> bool:
-    return finding.cause in ("held", "jump", "displaced") and finding.certainty >= CERTAIN
+    return finding.cause in ROUGHNESS and finding.certainty >= CERTAIN
 
 
 def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Finding]:
@@ -301,7 +304,7 @@ def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     found: dict[tuple[str, int, int, bool], list[tuple[Track, Tear]]] = {}
     for track in tracks:
         for tear in symptoms.tears(track, take.fps):
-            key = tear.cause, tear.start, tear.stop, round(tear.certainty, 2) >= CERTAIN
+            key = tear.cause, tear.start, tear.stop, tear.certainty >= CERTAIN
             found.setdefault(key, []).append((track, tear))
     words = {"jump": "out and back by {}", "displaced": "off by about {}", "step": "a step of {} that is not undone"}
     for (cause, start, stop, _), which in found.items():
@@ -331,8 +334,8 @@ def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Findin
 
     Solvers let hips jump and legs jump back by as much: nothing shows, and hips mended alone would throw the feet.
     """
-    pieces = [(joint, f.start, f.stop) for f in findings if _replaceable(f) for joint in f.indices]
-    excused = _made_up_for(rig, take.fps, pieces)
+    limits = {(joint, f.start, f.stop): ROUGHNESS[f.cause] for f in findings if _replaceable(f) for joint in f.indices}
+    excused = _made_up_for(rig, take.fps, limits)
     for found in findings:
         where = found.start, found.stop
         harmless = [joint for joint in found.indices if _replaceable(found) and (joint, *where) in excused]
@@ -340,12 +343,12 @@ def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Findin
         if guilty:
             yield _finding(take, found.cause, guilty, *where, found.certainty, found.detail)
         if harmless:
-            why = f"{found.detail}, but the joints below make up for it"
+            why = f"{found.detail}, but the movement would be no smoother without it"
             yield _finding(take, found.cause, harmless, *where, 0.4, why)
 
 
-def _made_up_for(rig: Rig, fps: float, pieces: list[Piece]) -> set[Piece]:
-    """The pieces whose replacement would make what hangs on their joints rougher.
+def _made_up_for(rig: Rig, fps: float, limits: dict[Piece, float]) -> set[Piece]:
+    """The pieces whose replacement leaves what hangs on their joints rougher than their limits.
 
     Those of one chain are judged together. If they fail, the uppermost joint, for which the others may make up,
     is excused, and the rest is judged again.
@@ -356,18 +359,19 @@ def _made_up_for(rig: Rig, fps: float, pieces: list[Piece]) -> set[Piece]:
         if parent >= 0:
             below[parent] |= below[joint]
     excused: set[Piece] = set()
+    pieces = list(limits)
     while chains := symptoms.chains(pieces, below, 2 * SEAM):
         pieces = []
-        for chain, is_rougher in zip(chains, _rougher(rig, fps, chains, below)):
-            if is_rougher:
+        for chain, roughness in zip(chains, _roughness(rig, fps, chains, below)):
+            if roughness > max(limits[piece] for piece in chain):
                 top = min(joint for joint, _, _ in chain)  # parents come before their children
                 excused |= {piece for piece in chain if piece[0] == top}
                 pieces += [piece for piece in chain if piece[0] != top]
     return excused
 
 
-def _rougher(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) -> Iterator[bool]:
-    """For each chain, whether what its joints move is less smooth at its seams once it is filled."""
+def _roughness(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) -> Iterator[float]:
+    """For each chain, how rough what hangs on it is at its seams once it is filled, against before."""
     reach = velocity_frames(fps) + SEAM
     hidden, near = np.zeros_like(rig.trusted), np.zeros(len(rig.trusted), bool)
     for joint, start, stop in (piece for chain in chains for piece in chain):
@@ -375,11 +379,21 @@ def _rougher(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) -> I
     at = np.flatnonzero(near)
     # Frames from elsewhere become neighbours here, but further from every gap and seam than anything looks.
     part = replace(rig, rotations=rig.rotations[at], translations=rig.translations[at], trusted=~hidden[at])
-    before, after = (np.nan_to_num(steps(one.kinematics[0])[0]) for one in (part, fill_rig(part, fps)[0]))
+    before, after = (_jumps(one) for one in (part, fill_rig(part, fps)[0]))
     moved = below.copy()
-    np.fill_diagonal(moved, (np.array(rig.skeleton.parents) < 0) | rig.moves)
+    np.fill_diagonal(moved, below.sum(axis=1) == 1)  # where nothing hangs on a joint, itself
     for chain in chains:
         rows = np.unique([[start - 1, start, start + 1, stop - 1, stop, stop + 1] for _, start, stop in chain])
         rows = np.searchsorted(at, rows[(rows >= 0) & (rows < len(near))])
         place = np.ix_(rows, moved[[joint for joint, _, _ in chain]].any(axis=0))
-        yield bool(after[place].sum() > ROUGHER * before[place].sum() + 1e-3)  # mm
+        yield float(after[place].sum() / max(before[place].sum(), 1e-6))
+
+
+def _jumps(rig: Rig) -> Array:
+    """`(frames, joints)` mm by which each step of a joint in the world departs from the steps around it.
+
+    That of three marks, fixed to the joint at 10 cm along its axes: so turns count as well as places.
+    """
+    places, turns = rig.kinematics
+    jumps = [steps(places + apply(turns, 0.1 * axis))[0] for axis in np.eye(3)]
+    return np.nan_to_num(np.sum(jumps, axis=0))

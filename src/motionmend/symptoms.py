@@ -290,7 +290,7 @@ def tears(track: Track, fps: float) -> Iterator[Tear]:
 
 
 def _certainty(score: float) -> float:
-    return 1 - 0.5 / max(score, 0.5)
+    return int(100 - 50 / max(score, 0.5)) / 100  # rounded down: what is told as certain is
 
 
 def _bridged(values: Array) -> Array:
