@@ -15,20 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from . import symptoms
-from .curves import velocity_frames
+from . import compensation, symptoms
 from .damage import exchange_channels, exchanged, mirrored_pairs
-from .metrics import steps
 from .motion import Array, Rig, Take, runs
-from .rigfills import fill_rig
-from .rotations import apply
-from .symptoms import FEW, Piece, Tear, Track
+from .symptoms import FEW, Tear, Track
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
 # How rough at the seams, against before, a replacement may leave what hangs on the joint. A jump must show there;
 # a held value is known by repeating to the last digit, and to have filled it must only do no harm.
 ROUGHNESS = {"jump": 0.9, "displaced": 0.9, "held": 1.2}
-SEAM = 3  # frames from which a seam's roughness is measured, on each side
 
 
 @dataclass(frozen=True)
@@ -335,7 +330,7 @@ def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Findin
     Solvers let hips jump and legs jump back by as much: nothing shows, and hips mended alone would throw the feet.
     """
     limits = {(joint, f.start, f.stop): ROUGHNESS[f.cause] for f in findings if _replaceable(f) for joint in f.indices}
-    excused = _made_up_for(rig, take.fps, limits)
+    excused = compensation.excused(rig, take.fps, limits)
     for found in findings:
         where = found.start, found.stop
         harmless = [joint for joint in found.indices if _replaceable(found) and (joint, *where) in excused]
@@ -345,55 +340,3 @@ def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Findin
         if harmless:
             why = f"{found.detail}, but the movement would be no smoother without it"
             yield _finding(take, found.cause, harmless, *where, 0.4, why)
-
-
-def _made_up_for(rig: Rig, fps: float, limits: dict[Piece, float]) -> set[Piece]:
-    """The pieces whose replacement leaves what hangs on their joints rougher than their limits.
-
-    Those of one chain are judged together. If they fail, the uppermost joint, for which the others may make up,
-    is excused, and the rest is judged again.
-    """
-    parents = rig.skeleton.parents
-    below = np.eye(len(parents), dtype=bool)
-    for joint, parent in reversed(list(enumerate(parents))):
-        if parent >= 0:
-            below[parent] |= below[joint]
-    excused: set[Piece] = set()
-    pieces = list(limits)
-    while chains := symptoms.chains(pieces, below, 2 * SEAM):
-        pieces = []
-        for chain, roughness in zip(chains, _roughness(rig, fps, chains, below)):
-            if roughness > max(limits[piece] for piece in chain):
-                top = min(joint for joint, _, _ in chain)  # parents come before their children
-                excused |= {piece for piece in chain if piece[0] == top}
-                pieces += [piece for piece in chain if piece[0] != top]
-    return excused
-
-
-def _roughness(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) -> Iterator[float]:
-    """For each chain, how rough what hangs on it is at its seams once it is filled, against before."""
-    reach = velocity_frames(fps) + SEAM
-    hidden, near = np.zeros_like(rig.trusted), np.zeros(len(rig.trusted), bool)
-    for joint, start, stop in (piece for chain in chains for piece in chain):
-        hidden[start:stop, joint] = near[max(0, start - reach) : stop + reach] = True
-    at = np.flatnonzero(near)
-    # Frames from elsewhere become neighbours here, but further from every gap and seam than anything looks.
-    part = replace(rig, rotations=rig.rotations[at], translations=rig.translations[at], trusted=~hidden[at])
-    before, after = (_jumps(one) for one in (part, fill_rig(part, fps)[0]))
-    moved = below.copy()
-    np.fill_diagonal(moved, below.sum(axis=1) == 1)  # where nothing hangs on a joint, itself
-    for chain in chains:
-        rows = np.unique([[start - 1, start, start + 1, stop - 1, stop, stop + 1] for _, start, stop in chain])
-        rows = np.searchsorted(at, rows[(rows >= 0) & (rows < len(near))])
-        place = np.ix_(rows, moved[[joint for joint, _, _ in chain]].any(axis=0))
-        yield float(after[place].sum() / max(before[place].sum(), 1e-6))
-
-
-def _jumps(rig: Rig) -> Array:
-    """`(frames, joints)` mm by which each step of a joint in the world departs from the steps around it.
-
-    That of three marks, fixed to the joint at 10 cm along its axes: so turns count as well as places.
-    """
-    places, turns = rig.kinematics
-    jumps = [steps(places + apply(turns, 0.1 * axis))[0] for axis in np.eye(3)]
-    return np.nan_to_num(np.sum(jumps, axis=0))

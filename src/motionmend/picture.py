@@ -29,10 +29,10 @@ def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None
     start, stop = max(runs(np.asarray(filled.any(axis=1))), key=lambda run: moved[run[0] : run[1]].sum())
     margin = max(stop - start, int(0.3 * after.fps))
     first, last = max(start - margin, 0), min(stop + margin, len(after))
-    figure = Figure(figsize=(13, 9), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(13, 8.6), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    rows = figure.subplots(4, 1, height_ratios=[3, 3, 1.6, 1.6])
-    frames = np.unique(np.linspace(first, last - 1, 13).round().astype(int))
+    rows = figure.subplots(4, 1, height_ratios=[3, 3, 1.4, 1.4])
+    frames = np.unique(np.linspace(first, last - 1, 11).round().astype(int))
     _poses(rows[0], before.motion, frames, filled, BROKEN, "as it came")
     _poses(rows[1], after.motion, frames, filled, REPAIRED, "repaired")
 
@@ -63,7 +63,7 @@ def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None
 def _poses(axes, motion: Motion, frames: Array, filled: Array, colour: str, title: str) -> None:
     """Stick figures side by side in time, seen a little from the side; changed joints in colour."""
     view = _view(motion.positions[frames])
-    spacing = 1.15 * max(np.nanmax(np.ptp(view[..., 0], axis=1)), 0.35 * np.nanmax(np.ptp(view[..., 1], axis=1)))
+    spacing = 1.05 * max(np.nanmax(np.ptp(view[..., 0], axis=1)), 0.35 * np.nanmax(np.ptp(view[..., 1], axis=1)))
     bones = [(joint, parent) for joint, parent in enumerate(motion.skeleton.parents) if parent >= 0]
     for place, frame in enumerate(frames):
         points = view[place] + [place * spacing, 0]

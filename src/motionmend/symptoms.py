@@ -19,8 +19,6 @@ TOLERANCE = 6.0  # how many times what is usual around it a jump must be
 SPIKE_SECONDS = 0.045  # a jump out and back within this is a spike; longer ones are displaced stretches
 LONGEST_DISPLACED = 1.0  # seconds; longer ones are told, not replaced
 
-Piece = tuple[int, int, int]  # joint, start, stop
-
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -355,23 +353,6 @@ def _offset(track: Track, values: Array, enter: _Seam, leave: _Seam) -> tuple[fl
     pairs = (multiply(b, inverse(a)), multiply(c, inverse(d))), (multiply(inverse(a), b), multiply(inverse(d), c))
     differ = min(2 * min(_length(p - q), _length(p + q)) for p, q in pairs)
     return float(2 * _length(a - b)), float(differ)
-
-
-def chains(pieces: list[Piece], below: Array, slack: int) -> list[list[Piece]]:
-    """Pieces at most `slack` frames apart, of joints that hang on one another: `below[a, b]` if b hangs on a."""
-    done: list[list[Piece]] = []
-    near: list[list[Piece]] = []
-    for piece in sorted(pieces, key=lambda piece: piece[1]):
-        chain, others = [piece], []
-        for other in near:
-            if max(stop for _, _, stop in other) + slack < piece[1]:
-                done.append(other)
-            elif any(below[piece[0], joint] or below[joint, piece[0]] for joint, _, _ in other):
-                chain += other
-            else:
-                others.append(other)
-        near = [*others, chain]
-    return done + near
 
 
 # Noise ----------------------------------------------------------------------------------------------------
