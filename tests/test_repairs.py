@@ -200,3 +200,14 @@ def test_planted_feet_slide_less(cmu):
     plain, planted = (mm.repair(take, gaps=[(start, start + 60)], plant_feet=flag) for flag in (False, True))
     assert planted.report.checks["changed"]["value"] == 0
     assert (planted.report.checks["foot_skate"]["value"] or 0) <= (plain.report.checks["foot_skate"]["value"] or 0)
+
+
+def test_points_with_bones_keep_their_lengths(walk):
+    """A skeleton of positions, as an NPZ holds it: a filled limb neither shrinks nor stretches."""
+    motion = mm.Motion(walk.motion.positions[1:], walk.motion.observed[1:], walk.fps, walk.skeleton)
+    take = mm.Take(motion, None, None, Units(1.0, "y", "made"), "npz", "walk.npz")
+    fixed = mm.repair(take, gaps=[(120, 180)], lost=["LeftLeg,LeftFoot,LeftToeBase:250:300"])
+    assert fixed.report.checks["bone_length"]["value"] < 0.01
+    mask = np.ones(len(take), bool)
+    mask[120:180] = mask[250:300] = False
+    assert np.array_equal(fixed.motion.positions[mask], motion.positions[mask])

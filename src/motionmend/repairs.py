@@ -10,17 +10,21 @@ import numpy as np
 
 from . import auto, diagnosis, feet
 from .body import map_rig, read_map
-from .constraints import checks
+from .constraints import checks, keep_lengths, reference_lengths
 from .denoise import denoise as smoothed
 from .errors import InputError, nearest_names
 from .fills import FILLS, DonorFill, Fill
 from .fitting import fit
-from .gaps import Gaps, longer
-from .motion import Array, Take
+from .gaps import Gaps, covered, longer
+from .metrics import bone_lengths
+from .motion import Array, Motion, Take
 from .progress import Stage, silent
 from .ranges import Lost, Range, mask_of, parse_frames
 from .report import Filled, Report
 from .rigfills import fill_rig
+
+KEEP_SECONDS = 0.2  # gaps of points longer than this keep the lengths of bones
+STEADY_METRES = 0.002  # bones that vary more than this have no length to keep
 
 
 def repair(
@@ -139,7 +143,7 @@ def fill(take: Take, method: str, donors: Sequence[str] = (), legs: Sequence[fee
         take.skeleton.index(name)
     if take.rig is None:
         motion, gaps = _completer(method, donors).fill(take.motion)
-        return take.with_motion(motion), gaps
+        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
     rig, gaps = fill_rig(take.rig, take.fps, auto.rig_methods if method == "auto" else method)
     return _feet_on_their_paths(take, take.with_rig(rig), method, legs), gaps
 
@@ -169,6 +173,21 @@ def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence
     paths = curve.complete(before.motion)
     targets = np.where((follow & paths.observed)[..., None], paths.positions, np.nan)
     return fit(filled, targets, where)
+
+
+def _bones_kept(before: Motion, filled: Motion, gaps: Gaps) -> Motion:
+    """Filled points back at their bones' lengths, for bones that have one, in gaps long enough for it to matter.
+
+    On validation takes this lowers the error from about 0.2 s on, and raises it in shorter gaps.
+    """
+    if not before.skeleton.has_bones:
+        return filled
+    lengths = reference_lengths(before)
+    points = np.where(before.observed[..., None], before.positions, np.nan)
+    loose = np.abs(bone_lengths(points, before.skeleton.parents) - lengths) > STEADY_METRES
+    lengths = np.where(loose.mean(axis=0) > 0.05, np.nan, lengths)
+    long = covered(gaps.pick(gaps.length > KEEP_SECONDS * before.fps), before.observed.shape)
+    return keep_lengths(filled, lengths, long & filled.observed)
 
 
 def _put_back(filled: Take, source: Take, kept: Array) -> Take:

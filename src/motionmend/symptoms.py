@@ -144,14 +144,19 @@ def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
     came = values[starts - 1] - values[np.maximum(starts - 2, 0)]
     release, onward = padded[stops] - padded[stops - 1], padded[stops + 1] - padded[stops]
     catches_up = _length(release - onward) > 0.5 * np.fmax(before, after)
+    # What comes to rest slows down, and sets out slowly: a frozen one stops in full motion and leaves at a leap.
+    catches_up &= (_length(release) > 0.5 * _length(onward)) & (_length(came) > 0.2 * before)
     # A few equal samples may be a turning point, after which the way leads straight back.
     goes_on = _dot(came, release) > -0.8 * _length(came) * _length(release)
     goes_on &= _length(release) > 0.3 * _length(onward)
     resumes = np.where(lengths < FEW, goes_on, catches_up)
     at_end = (stops == len(steps)) | (starts == 1)
     open_ended = at_end & (lengths >= max(FEW, round(0.1 * fps)))
-    accepted = (evidence > 6) & (speed > 2.5 * smallest) & (resumes | open_ended) & ~_at_limit(values, starts)
-    certainty = np.where(resumes & ~at_end, np.clip(1 - 2 / np.maximum(evidence, 6), 0.66, 0.98), 0.5)
+    accepted = (evidence > 6) & (speed > 2.5 * smallest) & (resumes | open_ended)
+    accepted &= ~_at_limit(values, starts) & ~_returns(values[starts])
+    # One that stands still most of the time does so by itself.
+    sure = resumes & ~at_end & (copied.mean() < 0.5)
+    certainty = np.where(sure, np.clip(1 - 2 / np.maximum(evidence, 6), 0.66, 0.98), 0.5)
     rows = zip(starts[accepted], stops[accepted], np.round(certainty[accepted], 2))
     return [(int(start), int(stop), float(sure)) for start, stop, sure in rows]
 
@@ -164,6 +169,13 @@ def _at_limit(values: Array, at: Array) -> Array:
     along, here = (known - centre) @ main, (values[at] - centre) @ main
     nearly = 1e-6 * np.ptp(along)
     return (here > along.max() - nearly) | (here < along.min() + nearly)
+
+
+def _returns(held: Array) -> Array:
+    """Whether the value of each run is held in another one too: toes that rest at zero again and again."""
+    places = np.round(np.abs(held) / max(_rounding(held), 1e-9))  # q and -q are the same turn
+    _, kinds, counts = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    return counts[kinds.reshape(-1)] > 1
 
 
 def _median_of(steps: Array, at: Array) -> Array:
