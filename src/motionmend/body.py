@@ -14,6 +14,7 @@ from collections.abc import Mapping as MappingABC
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -165,6 +166,19 @@ _LEGS_AND_TRUNK = (
 _ARMS = (("upper_arm", "forearm", 0.186), ("forearm", "hand", 0.146))
 
 
+class Measures(TypedDict):
+    """What `io.units.resolve` wants to know of a body."""
+
+    stature: float | None
+    upward: Array | None
+
+
+def measure(skeleton: Skeleton, positions: Array, rest: Array | None = None) -> Measures:
+    """`stature` and `upward` at once."""
+    points = _landmarks(skeleton, positions)
+    return {"stature": _stature(points), "upward": _upward(points, skeleton, positions, rest)}
+
+
 def stature(skeleton: Skeleton, positions: Array) -> float | None:
     """The standing height of the person in the units of `positions (frames, points, 3)`, whatever the pose.
 
@@ -172,7 +186,10 @@ def stature(skeleton: Skeleton, positions: Array) -> float | None:
     these is there) divided by their usual share of the height. Joints, joint centres, keypoints or markers
     of the Plug-in Gait and similar sets; None if no person is found among them.
     """
-    points = _landmarks(skeleton, positions)
+    return _stature(_landmarks(skeleton, positions))
+
+
+def _stature(points: dict[str, Array]) -> float | None:
     for segments in (_LEGS_AND_TRUNK, _ARMS):
         lengths, shares = 0.0, 0.0
         for start, end, share in segments:
@@ -194,7 +211,11 @@ def upward(skeleton: Skeleton, positions: Array, rest: Array | None = None) -> A
     rest : `(joints, 3)` the rig's rest pose, where it has one. If that stands along another axis, as it does in
         takes of crawling and lying, the floor decides between the two.
     """
-    rise = _rise(_landmarks(skeleton, positions))
+    return _upward(_landmarks(skeleton, positions), skeleton, positions, rest)
+
+
+def _upward(points: dict[str, Array], skeleton: Skeleton, positions: Array, rest: Array | None) -> Array | None:
+    rise = _rise(points)
     stands = None if rest is None or rise is None else _rise(_landmarks(skeleton, rest[None]))
     if rise is None or stands is None or np.array_equal(_axis(rise), _axis(stands)):
         return None if rise is None else normalised(rise)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 
 SIDES = ("left", "right")
 
@@ -45,7 +46,8 @@ _SIDE_WORDS = {"l": "left", "left": "left", "lft": "left", "左": "left", "r": "
                "右": "right"}
 
 
-def parsed(names: Sequence[str]) -> list[tuple[str, str]]:
+@lru_cache(maxsize=16)
+def parsed(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Each name as `(side, stem)`: side "left", "right" or ""; a stem that means nothing here is ""."""
     words = [_words(name) for name in names]
     # The numbers of glTF's nodes: "Bip001 L Thigh_179".
@@ -55,7 +57,7 @@ def parsed(names: Sequence[str]) -> list[tuple[str, str]]:
     for end, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
         while word := _shared(words, end):
             words = [each[rest] if len(each) > 1 and each[end] == word else each for each in words]
-    return [_side_and_stem(each) for each in words]
+    return tuple(_side_and_stem(each) for each in words)
 
 
 def _shared(words: Sequence[list[str]], end: int) -> str:

@@ -144,8 +144,9 @@ def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
     came = values[starts - 1] - values[np.maximum(starts - 2, 0)]
     release, onward = padded[stops] - padded[stops - 1], padded[stops + 1] - padded[stops]
     catches_up = _length(release - onward) > 0.5 * np.fmax(before, after)
-    # What comes to rest slows down, and sets out slowly: a frozen one stops in full motion and leaves at a leap.
-    catches_up &= (_length(release) > 0.5 * _length(onward)) & (_length(came) > 0.2 * before)
+    # What rests by itself slows down before and sets out slowly; a frozen one leaves at a leap.
+    leap = _length(release) / np.maximum(_length(onward), 1e-30)
+    catches_up &= (leap > 2) | ((leap > 0.5) & (_length(came) > 0.1 * before)) | np.isnan(leap)
     # A few equal samples may be a turning point, after which the way leads straight back.
     goes_on = _dot(came, release) > -0.8 * _length(came) * _length(release)
     goes_on &= _length(release) > 0.3 * _length(onward)

@@ -60,9 +60,8 @@ def read(path: Path, hints: Hints) -> Take:
     units = resolve(
         hints,
         said_unit="asf" if figure.length is not None and abs(figure.length - 0.45) < 1e-3 else None,
-        stature=body.stature(rig.skeleton, pose),
-        upward=body.upward(rig.skeleton, pose),
         usual_unit="asf",
+        **body.measure(rig.skeleton, pose),
     )
     rig = _rig(figure, values, units)
     return Take(rig.motion(hints.fps or 120.0), rig, None, units, "amc", str(path), tuple(notes))

@@ -55,9 +55,7 @@ def read(path: Path, hints: Hints) -> Take:
     plain = _rig(tree, skeleton, few, Units(1.0, "y", ""))
     pose, unturned = plain.kinematics[0], np.broadcast_to(IDENTITY, (1, len(skeleton), 4))
     rest = forward_kinematics(unturned, plain.offsets[None], skeleton.parents)[0][0]
-    units = resolve(
-        hints, stature=body.stature(skeleton, pose), upward=body.upward(skeleton, pose, rest), usual_unit="cm"
-    )
+    units = resolve(hints, usual_unit="cm", **body.measure(skeleton, pose, rest))
     rig = _rig(tree, skeleton, channels, units)
     document = Document(raw, rows, channels, tree, rig)
     return Take(rig.motion(fps), rig, document, units, "bvh", str(path), tuple(notes))

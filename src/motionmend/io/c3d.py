@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body import stature, upward
+from ..body import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
 from . import _points, units
@@ -132,7 +132,7 @@ def read(path: Path, hints: Hints) -> Take:
     said_up, usual_up = _said_up(parameters)
     conversion = units.resolve(
         hints, said_unit=_said_unit(parameters), said_up=said_up, usual_unit="mm", usual_up=usual_up,
-        stature=stature(skeleton, positions), upward=upward(skeleton, positions),
+        **measure(skeleton, positions),
     )
     motion = Motion(units.to_metres(positions, conversion), observed, float(fps), skeleton)
     document = Document(raw, encoding, data, stride, scale, columns, motion, parameters)

@@ -74,8 +74,8 @@ def read(path: Path, hints: Hints) -> Take:
     fps, why, remarks = rate(text, layout, hints, counts, lines)
     skeleton = Skeleton.cloud(layout.names)
     units = resolve(
-        hints, said_unit=layout.unit, stature=body.stature(skeleton, points), upward=body.upward(skeleton, points),
-        usual_unit=layout.usual[0], usual_up=layout.usual[1],
+        hints, said_unit=layout.unit, usual_unit=layout.usual[0], usual_up=layout.usual[1],
+        **body.measure(skeleton, points),
     )  # fmt: skip
     motion = Motion(to_metres(points, units).astype(np.float32), observed, fps, skeleton)
     separator = {b"\t": "tab", b";": "';'", b",": "','"}[layout.separator]

@@ -60,7 +60,7 @@ def read(path: Path, hints: Hints) -> Take:
     skeleton = Skeleton(_names(archive, joints), parents)
     units = resolve(
         hints, said_unit=_word(archive, "unit"), said_up=_word(archive, "up"),
-        stature=body.stature(skeleton, positions), upward=body.upward(skeleton, positions),
+        **body.measure(skeleton, positions),
     )  # fmt: skip
     fps = hints.fps or _fps(archive)
     motion = Motion(to_metres(positions, units).astype(np.float32), observed, fps, skeleton)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body import stature, upward
+from ..body import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
 from . import _points, _text, units
@@ -97,7 +97,7 @@ def read(path: Path, hints: Hints) -> Take:
     points[~observed] = np.nan
     conversion = units.resolve(
         hints, said_unit=header.get("units"), usual_unit="mm", usual_up="y",
-        stature=stature(skeleton, points), upward=upward(skeleton, points),
+        **measure(skeleton, points),
     )
     motion = Motion(units.to_metres(points, conversion).astype(np.float32), observed, float(fps), skeleton)
     document = Document(lines, feed, rows, separator, comma, motion)
