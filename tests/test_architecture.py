@@ -17,7 +17,8 @@ PACKAGE = Path(motionmend.__file__).parent
 FLOORS = {
     "__init__": 9, "errors": 0, "motion": 0, "rotations": 0,
     "body": 0, "body_names": 0, "body_shape": 0, "metrics": 0,
-    "io": 1, "damage": 1, "diagnosis": 1, "symptoms": 1, "compensation": 1, "ranges": 1, "report": 1, "progress": 1,
+    "io": 1, "damage": 1, "diagnosis": 1, "symptoms": 1, "swaps": 1, "compensation": 1,
+    "ranges": 1, "report": 1, "progress": 1,
     "gaps": 1, "curves": 1, "donors": 1, "fills": 1, "rigfills": 1, "denoise": 1, "auto": 1,
     "aiming": 2, "constraints": 2, "feet": 2, "fitting": 2,
     "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -133,6 +134,16 @@ def test_what_is_wrong_is_said_in_one_line(here, capsys, command):
     assert said.err.startswith("motionmend: ")
     assert said.err.count("\n") == 1
     assert sorted(here.iterdir()) == before
+
+
+def test_a_terminal_without_arrows_and_a_reader_that_leaves(here):
+    command = [sys.executable, "-m", "motionmend", "inspect", "walk.bvh"]
+    plain = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    ran = subprocess.run(command, capture_output=True, text=True, env=plain)
+    assert ran.returncode == 0
+    assert "left_hand       ? LeftHand" in ran.stdout
+    left = subprocess.run(f"{' '.join(command)} --json | head -1", shell=True, capture_output=True, text=True)
+    assert (left.stdout, left.stderr) == ("{\n", "")
 
 
 def test_a_wrong_command_line_ends_with_2(here):

@@ -12,7 +12,7 @@ from . import body_names
 from .motion import Skeleton
 
 Array = np.ndarray
-Parsed = list[tuple[str, str]]
+Parsed = Sequence[tuple[str, str]]
 
 
 def trunk(skeleton: Skeleton, parsed: Parsed, limbs: Mapping[str, int], sample: Array | None) -> dict[str, int]:

@@ -8,14 +8,26 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Optional
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from . import __version__
 from .errors import InputError
 
+# Said at length, because for `tuple[Path, ...]` tyro imports typeguard, which takes longer than a small command.
+Files = Annotated[
+    tuple,
+    PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="FILE [FILE ...]",
+        instance_from_str=lambda names: tuple(map(Path, names)),
+        is_instance=lambda value: isinstance(value, tuple),
+        str_from_instance=lambda paths: [str(path) for path in paths],
+    ),
+]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 
 
@@ -23,13 +35,13 @@ Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 class Reading:
     """What you know of a file better than it does itself; all of it is otherwise found or guessed."""
 
-    unit: str | None = None
+    unit: Optional[str] = None
     """Unit of length: m, cm, mm, in, ft, dm, or asf (CMU's)."""
-    up: str | None = None
+    up: Optional[str] = None
     """Upward axis: y, z, x, -y, …"""
-    fps: float | None = None
+    fps: Optional[float] = None
     """Frames per second."""
-    asf: Path | None = None
+    asf: Optional[Path] = None
     """Skeleton of an AMC take, where it is not the .asf beside it."""
 
     def load(self, path: Path):
@@ -42,9 +54,9 @@ class Reading:
 class Inspect(Reading):
     """Say what is in a take, which rig it is, and what is untrusted and why. Changes nothing."""
 
-    files: Positional[tuple[Path, ...]]
+    files: Positional[Files]
     """Takes: BVH, AMC (with its ASF), C3D, TRC, CSV, NPZ."""
-    map: Path | None = None
+    map: Optional[Path] = None
     """A TOML file that says which joint is which: `left_forearm = "LeftElbow"`."""
     json: bool = False
     """Print JSON for machines."""
@@ -65,7 +77,7 @@ class Repair(Reading):
     With --gap or --lost only what they name is repaired, unless --find is given too.
     """
 
-    files: Positional[tuple[Path, ...]]
+    files: Positional[Files]
     """Damaged takes."""
     output: Output
     """The repaired file; for several takes, a folder."""
@@ -79,21 +91,21 @@ class Repair(Reading):
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     donors: tuple[str, ...] = ()
     """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""
-    max_gap: str | None = None
+    max_gap: Optional[str] = None
     """Fill gaps up to this long (60 or 0.5s); leave longer ones, marked as missing where the format can."""
     keep_longer: bool = False
     """With --max-gap: leave longer gaps exactly as the file has them, unmarked."""
-    denoise: Literal["savgol", "butterworth"] | None = None
+    denoise: Optional[Literal["savgol", "butterworth"]] = None
     """Also smooth the whole take. This changes every sample."""
     cutoff: float = 6.0
     """Low-pass frequency of --denoise butterworth, Hz."""
     plant_feet: bool = False
     """Hold feet still where they stand inside repaired frames."""
-    map: Path | None = None
+    map: Optional[Path] = None
     """A TOML file that says which joint is which."""
-    report: Path | None = None
+    report: Optional[Path] = None
     """Where the JSON report goes; otherwise beside the output, as OUTPUT.report.json."""
-    picture: Path | None = None
+    picture: Optional[Path] = None
     """Also draw the repair, as PNG."""
     json: bool = False
     """Print the report as JSON."""
@@ -202,7 +214,7 @@ class Compare(Reading):
     """The reference."""
     other: Positional[Path]
     """The take to measure."""
-    frames: str | None = None
+    frames: Optional[str] = None
     """Only these frames: 120:180 or 1s:1.5s."""
     json: bool = False
     """Print JSON for machines."""
@@ -264,14 +276,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv == ["--version"]:
         print(f"motionmend {__version__}")
         return 0
-    command = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
-        description="Repair human motion capture, and touch nothing else.",
-    )  # fmt: skip
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show "←" shows "?"
     try:
+        command = tyro.extras.subcommand_cli_from_dict(
+            COMMANDS, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
+            description="Repair human motion capture, and touch nothing else.",
+        )  # fmt: skip
         status = command.run()
         sys.stdout.flush()
         return status

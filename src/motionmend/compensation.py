@@ -12,14 +12,41 @@ from dataclasses import replace
 import numpy as np
 
 from .curves import velocity_frames
+from .fills import FILLS
 from .metrics import steps
-from .motion import Array, Rig
+from .motion import Array, Motion, Rig
 from .rigfills import fill_rig
 from .rotations import apply
 
 SEAM = 3  # frames from which a seam's roughness is measured, on each side
 
 Piece = tuple[int, int, int]  # joint, start, stop
+
+
+def excused_points(motion: Motion, limits: dict[Piece, float]) -> set[Piece]:
+    """The pieces of points whose replacement leaves them rougher at their seams than their limits."""
+    if not limits:
+        return set()
+    hidden = np.zeros_like(motion.observed)
+    for joint, start, stop in limits:
+        hidden[start:stop, joint] = True
+    known = motion.observed & ~hidden
+    filled = FILLS["hermite"].complete(replace(motion, observed=known))
+    before, after = (
+        np.nan_to_num(steps(np.where(one.observed[..., None], one.positions, np.nan))[0]) for one in (motion, filled)
+    )
+    free: set[Piece] = set()
+    for (joint, start, stop), limit in limits.items():
+        rows = _seam_rows([(joint, start, stop)], len(before))
+        if after[rows, joint].sum() > limit * before[rows, joint].sum():
+            free.add((joint, start, stop))
+    return free
+
+
+def _seam_rows(pieces: list[Piece], frames: int) -> Array:
+    """The frames whose steps show how the pieces' seams fit."""
+    rows = np.unique([[start - 1, start, start + 1, stop - 1, stop, stop + 1] for _, start, stop in pieces])
+    return rows[(rows >= 0) & (rows < frames)]
 
 
 def excused(rig: Rig, fps: float, limits: dict[Piece, float]) -> set[Piece]:
@@ -75,8 +102,7 @@ def _roughness(rig: Rig, fps: float, chains: list[list[Piece]], below: Array) ->
     moved = below.copy()
     np.fill_diagonal(moved, below.sum(axis=1) == 1)  # where nothing hangs on a joint, itself
     for chain in chains:
-        rows = np.unique([[start - 1, start, start + 1, stop - 1, stop, stop + 1] for _, start, stop in chain])
-        rows = np.searchsorted(at, rows[(rows >= 0) & (rows < len(near))])
+        rows = np.searchsorted(at, _seam_rows(chain, len(near)))
         place = np.ix_(rows, moved[[joint for joint, _, _ in chain]].any(axis=0))
         yield float(after[place].sum() / max(before[place].sum(), 1e-6))
 

@@ -8,7 +8,6 @@ scales with the frame rate and with what the same joint does in the rest of the 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -16,11 +15,18 @@ from typing import Any
 import numpy as np
 
 from . import compensation, symptoms
-from .damage import exchange_channels, exchanged, mirrored_pairs
-from .motion import Array, Rig, Take, runs
+from .damage import exchange_channels, exchanged
+from .motion import Array, Take, runs
+from .swaps import exchange_tracks, find_swaps
 from .symptoms import FEW, Tear, Track
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
+UNSURE = 0.5
+OFTEN = 30.0  # held stretches a minute, from which on they are how the take was made
+LONG_STILL = 1.0  # seconds
+TIP = 3  # joints that hang on one of a finger, a toe or a head, itself included
+TIP_SPEED = float(np.radians(480))  # a second, which these reach
+SMALL_SHIFT = 0.05  # metres, by which most points together may well have moved
 # How rough at the seams, against before, a replacement may leave what hangs on the joint. A jump must show there;
 # a held value is known by repeating to the last digit, and to have filled it must only do no harm.
 ROUGHNESS = {"jump": 0.9, "displaced": 0.9, "held": 1.2}
@@ -84,18 +90,15 @@ def unswap(take: Take, finding: Finding) -> Take:
         positions, observed = take.motion.positions.copy(), take.motion.observed.copy()
         positions[start:stop], observed[start:stop] = positions[start:stop, order], observed[start:stop, order]
         return take.with_motion(replace(take.motion, positions=positions, observed=observed))
-    return take.with_rig(_unswapped(take.rig, finding))
-
-
-def _unswapped(rig: Rig, swap: Finding) -> Rig:
-    rotations, translations = rig.rotations.copy(), rig.translations.copy()
-    order = exchanged(rig.skeleton.names, swap.indices)
-    exchange_channels(rig, rotations, translations, order, swap.start, swap.stop)
-    return replace(rig, rotations=rotations, translations=translations)
+    rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
+    order = exchanged(take.skeleton.names, finding.indices)
+    exchange_channels(take.rig, rotations, translations, order, finding.start, finding.stop)
+    return take.with_rig(replace(take.rig, rotations=rotations, translations=translations))
 
 
 def _tracks(take: Take) -> Iterator[Track]:
     """Every joint's turn and shift that ever change; untrusted entries are NaN."""
+    tips = _tips(take)
     for joint in range(len(take.skeleton)):
         distrusted = ~take.trusted[:, joint]
         if take.rig is None:
@@ -105,9 +108,22 @@ def _tracks(take: Take) -> Iterator[Track]:
             kinds += [(False, take.rig.translations[:, joint].copy())] if take.rig.moves[joint] else []
         for turns, values in kinds:
             values[distrusted] = np.nan
-            track = Track(joint, turns, symptoms.continuous_track(values) if turns else values)
+            least = 0.008
+            if turns:
+                values = symptoms.continuous_track(values)
+                least = max(np.radians(4), TIP_SPEED / take.fps if tips[joint] else 0)
+            track = Track(joint, turns, values, float(least))
             if track.is_lively:
                 yield track
+
+
+def _tips(take: Take) -> Array:
+    """`(joints,)` bool: those on which next to nothing hangs, which turn fastest."""
+    hanging = np.ones(len(take.skeleton), int)
+    for joint, parent in reversed(list(enumerate(take.skeleton.parents))):
+        if parent >= 0:
+            hanging[parent] += hanging[joint]
+    return hanging <= TIP
 
 
 # Missing --------------------------------------------------------------------------------------------------
@@ -165,29 +181,34 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
     everyone = range(len(take.skeleton))
     copied = np.stack([symptoms.copies(track.values) for track in tracks], axis=1)
     still = np.logical_and.reduce(copied, axis=1)
-    if len(runs(still)) > 0.05 * len(take):
-        detail = f"{100 * still.mean():.0f} % of the frames repeat the one before: made from a lower rate"
-        findings.append(_finding(take, "held", everyone, 0, len(take), 0.3, detail))
-    else:
+    doubled = np.zeros(len(take), bool)
+    for start, stop in symptoms.doubled_stretches(still):
+        doubled[start:stop] = True
+        detail = f"{100 * still[start:stop].mean():.0f} % of the frames repeat the one before: made from a lower rate"
+        findings.append(_finding(take, "held", everyone, start, stop, 0.3, detail))
+    if not doubled.any():
         if first := symptoms.calibration_frames(tracks, take.fps):
             detail = f"a pose that the take leaves at once in frame {first}; it is left as it is"
             findings.append(_finding(take, "t-pose", everyone, 0, first, 0.9, detail))
             copied[: first + 1] = False
             for track in tracks:
                 track.values[:first] = np.nan
-        findings += _held(take, tracks, copied, bad)
         findings += _noise(take, tracks)
-    rig = take.rig
-    for swap in _swaps(take, tracks):
+    findings += _held(take, tracks, copied, doubled, bad)
+    mended = take
+    for start, stop, certainty, joints in find_swaps(tracks, take.skeleton.names, take.fps):
+        detail = "left and right have each other's values; they can be exchanged back without loss"
+        if take.rig is not None and len(joints) <= 2 and _tips(take)[joints].all():
+            certainty = min(certainty, UNSURE)  # nothing mixes up two toes and leaves their feet
+        swap = _finding(take, "swap", joints, start, stop, certainty, detail)
         findings.append(swap)
-        _exchange_tracks(tracks, swap)
-        rig = rig and _unswapped(rig, swap)
+        exchange_tracks(tracks, swap.indices, start, stop)
+        mended = unswap(mended, swap)
     accused = bad | _painted(findings, bad.shape)
     for track in tracks:
         track.values[accused[:, track.joint]] = np.nan
     findings += _torn(take, tracks)
-    if rig is not None:
-        findings = list(_borne_out(take, rig, findings))
+    findings = list(_borne_out(mended, findings))
     return findings, bad | _painted(findings, bad.shape)
 
 
@@ -204,22 +225,30 @@ def _replaceable(finding: Finding) -> bool:
     return finding.cause in ROUGHNESS and finding.certainty >= CERTAIN
 
 
-def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Finding]:
-    """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks these two in `bad`."""
+def _held(take: Take, tracks: list[Track], copied: Array, doubled: Array, bad: Array) -> list[Finding]:
+    """Frozen tracks, single repeated samples and, where everything froze at once, gaps; marks these two in `bad`.
+
+    What the take does again and again is how it was made: flat keys, a slower sensor. It is told, not replaced.
+    """
     frozen = np.zeros(copied.shape, np.float32)  # with what certainty
     every = []
     for number, track in enumerate(tracks):
         for start, stop, certainty in symptoms.held_runs(track.values, take.fps):
+            if doubled[start:stop].any():
+                continue
             every.append((track.joint, start, stop, certainty))
             frozen[start:stop, number] = certainty
     lively = copied.mean(axis=0) < 0.5
-    whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1)
+    whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1) & ~doubled
+    most = UNSURE if _is_habit(every, len(take) / take.fps) else 1.0
     findings = []
     for start, stop in runs(whole):
         certainties = frozen[start:stop, lively].max(axis=0)
         if (certainties > 0).mean() > 0.3:
             # A take that ends, or begins, with a still may be meant so; one that goes on in the middle is not.
-            certainty = 0.95 if (certainties >= CERTAIN).mean() > 0.3 else 0.5
+            # So is one in which little else than a hand was about to move, if it is long.
+            needed = 0.3 if stop - start <= LONG_STILL * take.fps else 0.6
+            certainty = min(most, 0.95 if (certainties >= CERTAIN).mean() > needed else UNSURE)
             bad[start:stop] |= certainty >= CERTAIN
             detail = f"every joint repeats frame {start - 1}"
             findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
@@ -230,68 +259,21 @@ def _held(take: Take, tracks: list[Track], copied: Array, bad: Array) -> list[Fi
             continue
         if stop - start < FEW:
             scattered[start:stop, joint] = True
-            bad[start:stop, joint] |= certainty >= CERTAIN
+            bad[start:stop, joint] |= min(most, certainty) >= CERTAIN
         else:
-            stretches.setdefault((start, stop), []).append((joint, certainty))
+            stretches.setdefault((start, stop), []).append((joint, min(most, certainty)))
     for (start, stop), which in stretches.items():
         joints, certainties = zip(*which)
         detail = f"the value of frame {start - 1} is repeated"
         findings.append(_finding(take, "held", sorted(set(joints)), start, stop, max(certainties), detail))
-    return [*findings, *_dropout(take, scattered, 0.9, "repeat the one before, while the joint moves")]
+    return [*findings, *_dropout(take, scattered, min(most, 0.9), "repeat the one before, while the joint moves")]
 
 
-def _swaps(take: Take, tracks: list[Track]) -> list[Finding]:
-    """Stretches in which left and right twins have each other's values."""
-    by_place = {(track.joint, track.turns): track for track in tracks}
-    twins = [
-        (by_place[left, turns], by_place[right, turns])
-        for left, right in mirrored_pairs(take.skeleton.names)
-        for turns in (True, False)
-        if (left, turns) in by_place and (right, turns) in by_place
-    ]
-    costs = [symptoms.exchange_costs(left, right, take.fps) for left, right in twins]
-    support: Counter[tuple[int, int]] = Counter()
-    single: list[int] = []
-    for (left, _), (kept, other) in zip(twins, costs):
-        seams = symptoms.exchange_seams(kept, other, left.least, take.fps)
-        support.update(zip(seams[::2], seams[1::2]))
-        single += seams[len(seams) // 2 * 2 :]
-    stretches: dict[tuple[int, int], float] = {}
-    known: set[int] = set()
-    # Twins that miss a seam of their limb's swap pair the wrong ones: what most of the limb says comes first.
-    for stretch, _ in support.most_common():
-        if not known & set(stretch):
-            stretches[stretch] = 0.9
-            known |= set(stretch)
-    for seam in sorted(set(single) - known):
-        # Which part is the wrong one cannot be known; likelier the shorter.
-        stretches[(seam, len(take)) if seam > len(take) / 2 else (0, seam)] = 0.5
-    findings = []
-    for (start, stop), certainty in sorted(stretches.items()):
-        seams = [seam for seam in (start, stop) if 0 < seam < len(take)]
-        joints = [
-            joint
-            for (left, right), (kept, other) in zip(twins, costs)
-            for joint in (left.joint, right.joint)
-            # Joined by twins that are too alike at one of the seams to show it by themselves.
-            if other[seams].sum() < 0.7 * kept[seams].sum() and kept[seams].sum() > left.least
-        ]
-        detail = "left and right have each other's values; they can be exchanged back without loss"
-        findings.append(_finding(take, "swap", dict.fromkeys(joints), start, stop, certainty, detail))
-    return findings
-
-
-def _exchange_tracks(tracks: list[Track], swap: Finding) -> None:
-    """Exchange the twins' values back, in place."""
-    by_place = {(track.joint, track.turns): track.values for track in tracks}
-    frames = slice(swap.start, swap.stop)
-    for left, right in zip(swap.indices[::2], swap.indices[1::2]):
-        for turns in (True, False):
-            if (left, turns) in by_place and (right, turns) in by_place:
-                one, two = by_place[left, turns], by_place[right, turns]
-                one[frames], two[frames] = two[frames].copy(), one[frames].copy()
-                if turns:
-                    one[:], two[:] = symptoms.continuous_track(one), symptoms.continuous_track(two)
+def _is_habit(every: list[tuple[int, int, int, float]], seconds: float) -> bool:
+    """Whether stretches are held too often, and more often than single samples, to be damage."""
+    sure = [(start, stop) for _, start, stop, certainty in every if certainty >= CERTAIN]
+    stretches = {(start, stop) for start, stop in sure if stop - start >= FEW}
+    return len(stretches) > max(5, OFTEN * seconds / 60, sum(stop - start < FEW for start, stop in sure))
 
 
 def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
@@ -305,6 +287,9 @@ def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     for (cause, start, stop, _), which in found.items():
         joints = sorted({track.joint for track, _ in which})
         certainty = max(tear.certainty for _, tear in which)
+        together = take.rig is None and len(which) > max(FEW, len(tracks) / 2)
+        if together and np.median([tear.size for _, tear in which]) < SMALL_SHIFT:
+            certainty = min(certainty, UNSURE)  # the person may have moved so
         track, tear = which[0]
         detail = words[cause].format(track.describe(tear.size))
         yield _finding(take, "jump" if cause == "step" else cause, joints, start, stop, certainty, detail)
@@ -324,13 +309,16 @@ def _noise(take: Take, tracks: list[Track]) -> Iterator[Finding]:
 # What hangs below -----------------------------------------------------------------------------------------
 
 
-def _borne_out(take: Take, rig: Rig, findings: list[Finding]) -> Iterator[Finding]:
+def _borne_out(take: Take, findings: list[Finding]) -> Iterator[Finding]:
     """The findings; what the world does not bear out is only told.
 
     Solvers let hips jump and legs jump back by as much: nothing shows, and hips mended alone would throw the feet.
     """
     limits = {(joint, f.start, f.stop): ROUGHNESS[f.cause] for f in findings if _replaceable(f) for joint in f.indices}
-    excused = compensation.excused(rig, take.fps, limits)
+    if take.rig is None:
+        excused = compensation.excused_points(take.motion, limits)
+    else:
+        excused = compensation.excused(take.rig, take.fps, limits)
     for found in findings:
         where = found.start, found.stop
         harmless = [joint for joint in found.indices if _replaceable(found) and (joint, *where) in excused]

@@ -1,4 +1,4 @@
-"""What damage looks like in the numbers of one joint: frozen samples, torn seams, exchanged twins, noise.
+"""What damage looks like in the numbers of one joint: frozen samples, torn seams, noise.
 
 Arrays in, frames out: nothing here knows takes, files or bodies. A `Track` is what one joint does by
 itself; whether it turns or shifts, the same arithmetic on vectors judges it.
@@ -31,11 +31,7 @@ class Track:
     joint: int
     turns: bool
     values: Array
-
-    @property
-    def least(self) -> float:
-        """The smallest jump that matters: 8 mm or 4 degrees."""
-        return float(np.radians(4)) if self.turns else 0.008
+    least: float  # the smallest jump that matters
 
     @property
     def is_lively(self) -> bool:
@@ -57,13 +53,20 @@ def _dot(a: Array, b: Array) -> Array:
     return np.einsum("...i,...i->...", a, b)
 
 
-def _length(vectors: Array) -> Array:
+def length(vectors: Array) -> Array:
     return np.sqrt(_dot(vectors, vectors))
 
 
 def steps_of(values: Array) -> Array:
     """`(frames,)` how far each sample is from the one before it; 0 for the first, NaN next to missing ones."""
-    return _length(np.diff(values, axis=0, prepend=values[:1]))
+    return length(np.diff(values, axis=0, prepend=values[:1]))
+
+
+def usual(values: Array, start: int, stop: int, window: int) -> float:
+    """The upper quartile of `values` around frames `[start, stop]`, without these and their neighbours."""
+    first = max(0, start - 1)
+    around = np.concatenate([values[max(0, first - window) : first], values[stop + 2 : stop + 2 + window]])
+    return float(np.sort(around)[len(around) * 3 // 4]) if len(around) else np.inf
 
 
 def continuous_track(values: Array) -> Array:
@@ -91,6 +94,17 @@ def calibration_frames(tracks: list[Track], fps: float) -> int:
         if jumped.mean() >= 0.25 and jumped.sum() >= FEW:
             return first
     return 0
+
+
+def doubled_stretches(still: Array) -> list[tuple[int, int]]:
+    """Stretches `[start, stop)` made from a lower rate: more than one in 20 frames repeats the one before it.
+
+    still : `(frames,)` bool, whether everything repeats the frame before.
+    """
+    found = np.array(runs(still)).reshape(-1, 2)
+    groups = np.split(found, np.flatnonzero(found[1:, 0] - found[:-1, 1] > 40) + 1)
+    stretches = [(max(0, int(group[0, 0]) - 1), int(group[-1, 1]), len(group)) for group in groups if len(group)]
+    return [(start, stop) for start, stop, count in stretches if count > max(5, 0.05 * (stop - start))]
 
 
 # Held values ----------------------------------------------------------------------------------------------
@@ -143,13 +157,13 @@ def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
     padded = np.concatenate([values, np.full((2, values.shape[1]), np.nan)])
     came = values[starts - 1] - values[np.maximum(starts - 2, 0)]
     release, onward = padded[stops] - padded[stops - 1], padded[stops + 1] - padded[stops]
-    catches_up = _length(release - onward) > 0.5 * np.fmax(before, after)
+    catches_up = length(release - onward) > 0.5 * np.fmax(before, after)
     # What rests by itself slows down before and sets out slowly; a frozen one leaves at a leap.
-    leap = _length(release) / np.maximum(_length(onward), 1e-30)
-    catches_up &= (leap > 2) | ((leap > 0.5) & (_length(came) > 0.1 * before)) | np.isnan(leap)
+    leap = length(release) / np.maximum(length(onward), 1e-30)
+    catches_up &= (leap > 2) | ((leap > 0.5) & (length(came) > 0.1 * before))
     # A few equal samples may be a turning point, after which the way leads straight back.
-    goes_on = _dot(came, release) > -0.8 * _length(came) * _length(release)
-    goes_on &= _length(release) > 0.3 * _length(onward)
+    goes_on = _dot(came, release) > -0.8 * length(came) * length(release)
+    goes_on &= length(release) > 0.3 * length(onward)
     resumes = np.where(lengths < FEW, goes_on, catches_up)
     at_end = (stops == len(steps)) | (starts == 1)
     open_ended = at_end & (lengths >= max(FEW, round(0.1 * fps)))
@@ -186,50 +200,6 @@ def _median_of(steps: Array, at: Array) -> Array:
     count = np.isfinite(picked).sum(axis=1)
     middle = picked[np.arange(len(picked)), np.maximum(count - 1, 0) // 2]
     return np.where(count > 0, middle, np.nan)
-
-
-# Exchanged twins ------------------------------------------------------------------------------------------
-
-
-def exchange_costs(left: Track, right: Track, fps: float) -> tuple[Array, Array]:
-    """`(frames,)` each: how far twins are torn just before each frame if they stay, and if they change places.
-
-    Both sides of a seam are continued to its middle at their speeds, so that hands that pass one another
-    are no swap. 0 and infinity where there is no seam to judge.
-    """
-    frames = len(left.values)
-    kept, other = np.zeros(frames), np.full(frames, np.inf)
-    at = np.flatnonzero(known_rows(left.values) & known_rows(right.values))
-    if len(at) < 4:
-        return kept, other
-    sides = [track.values[at] for track in (left, right)]
-    apart_by = np.diff(at)[:, None]  # frames; more than one where some are missing
-    half = 0.5 * apart_by[1:-1]
-    ends = [side[1:-2] + half * (side[1:-2] - side[:-3]) / apart_by[:-2] for side in sides]
-    starts = [side[2:-1] - half * (side[3:] - side[2:-1]) / apart_by[2:] for side in sides]
-
-    def apart(a: Array, b: Array) -> Array:
-        return np.minimum(_length(a - b), _length(a + b)) if left.turns else _length(a - b)
-
-    near = apart_by[1:-1, 0] <= max(1, round(0.1 * fps))
-    seams = at[2:-1][near]
-    kept[seams] = (apart(ends[0], starts[0]) + apart(ends[1], starts[1]))[near]
-    other[seams] = (apart(ends[0], starts[1]) + apart(ends[1], starts[0]))[near]
-    return kept, other
-
-
-def exchange_seams(kept: Array, other: Array, least: float, fps: float) -> list[int]:
-    """Frames at which twins plainly take each other's places."""
-    window = max(6, round(0.1 * fps))
-    seams = np.flatnonzero((other < 0.4 * kept) & (kept > 4 * least))
-    return [int(seam) for seam in seams if kept[seam] > 8 * _usual(kept, int(seam), int(seam), window)]
-
-
-def _usual(values: Array, start: int, stop: int, window: int) -> float:
-    """The upper quartile of `values` around frames `[start, stop]`, without these and their neighbours."""
-    first = max(0, start - 1)
-    around = np.concatenate([values[max(0, first - window) : first], values[stop + 2 : stop + 2 + window]])
-    return float(np.sort(around)[len(around) * 3 // 4]) if len(around) else np.inf
 
 
 # Torn seams: jumps and displaced stretches ------------------------------------------------------------------
@@ -324,14 +294,14 @@ def _seams(track: Track, values: Array, fps: float) -> list[_Seam]:
     steps = np.diff(values, axis=0)
     allowed = _between(steps[:-2], steps[1:-1], steps[2:])
     sizes = np.zeros(len(values))
-    sizes[2:-1] = np.nan_to_num(_length(steps[1:-1] - allowed))
+    sizes[2:-1] = np.nan_to_num(length(steps[1:-1] - allowed))
     # What this joint does again and again, as toes do at every step, is its habit, however abrupt.
     habit = np.sort(sizes)[max(0, min(int(0.98 * len(sizes)), len(sizes) - 8))]
     floor = max(0.5 * track.least, 12 * float(np.median(sizes)), 2.5 * float(habit))
     window = max(6, round(0.1 * fps))
     seams = []
     for at in np.flatnonzero(sizes > floor).tolist():
-        tolerated = max(floor, TOLERANCE * _usual(sizes, at, at + FEW, window))
+        tolerated = max(floor, TOLERANCE * usual(sizes, at, at + FEW, window))
         if sizes[at] > tolerated:
             seams.append(_Seam(at, float(sizes[at]), float(sizes[at] / tolerated), allowed[at - 2]))
     return seams
@@ -349,9 +319,9 @@ def _excursion(values: Array, out: _Seam, back: _Seam) -> tuple[float, float]:
     start, stop = out.at, back.at
     way = (values[stop] - values[start - 1]) / (stop - start + 1)
     before, after = values[start - 1] - values[start - 2], values[stop + 1] - values[stop]
-    mismatch = _length(way - _between(before, way, after)) * (stop - start + 1)
+    mismatch = length(way - _between(before, way, after)) * (stop - start + 1)
     inside = values[start - 1] + way * np.arange(1, stop - start + 1)[:, None]
-    return float(_length(values[start:stop] - inside).min()), float(mismatch)
+    return float(length(values[start:stop] - inside).min()), float(mismatch)
 
 
 def _offset(track: Track, values: Array, enter: _Seam, leave: _Seam) -> tuple[float, float]:
@@ -360,12 +330,12 @@ def _offset(track: Track, values: Array, enter: _Seam, leave: _Seam) -> tuple[fl
     inside_too, outside_too = values[leave.at - 1] + leave.speed, values[leave.at]
     if not track.turns:
         one, two = inside - outside, inside_too - outside_too
-        return float(_length(one)), float(_length(one - two))
+        return float(length(one)), float(length(one - two))
     a, b, c, d = (normalised(q) for q in (outside, inside, inside_too, outside_too))
     # The offset may be constant in the parent's frame or in the joint's own.
     pairs = (multiply(b, inverse(a)), multiply(c, inverse(d))), (multiply(inverse(a), b), multiply(inverse(d), c))
-    differ = min(2 * min(_length(p - q), _length(p + q)) for p, q in pairs)
-    return float(2 * _length(a - b)), float(differ)
+    differ = min(2 * min(length(p - q), length(p + q)) for p, q in pairs)
+    return float(2 * length(a - b)), float(differ)
 
 
 # Noise ----------------------------------------------------------------------------------------------------
