@@ -26,7 +26,7 @@ OFTEN = 30.0  # held stretches a minute, from which on they are how the take was
 LONG_STILL = 1.0  # seconds
 TIP = 3  # joints that hang on one of a finger, a toe or a head, itself included
 TIP_SPEED = float(np.radians(480))  # a second, which these reach
-SMALL_SHIFT = 0.05  # metres, by which most points together may well have moved
+SMALL_SHIFT = 0.03  # metres, by which several points together may well have moved
 # How rough at the seams, against before, a replacement may leave what hangs on the joint. A jump must show there;
 # a held value is known by repeating to the last digit, and to have filled it must only do no harm.
 ROUGHNESS = {"jump": 0.9, "displaced": 0.9, "held": 1.2}
@@ -287,9 +287,8 @@ def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:
     for (cause, start, stop, _), which in found.items():
         joints = sorted({track.joint for track, _ in which})
         certainty = max(tear.certainty for _, tear in which)
-        together = take.rig is None and len(which) > max(FEW, len(tracks) / 2)
-        if together and np.median([tear.size for _, tear in which]) < SMALL_SHIFT:
-            certainty = min(certainty, UNSURE)  # the person may have moved so
+        if take.rig is None and len(which) > FEW and np.median([tear.size for _, tear in which]) < SMALL_SHIFT:
+            certainty = min(certainty, UNSURE)  # no marker's damage: a hand, or the whole body, may have moved so
         track, tear = which[0]
         detail = words[cause].format(track.describe(tear.size))
         yield _finding(take, "jump" if cause == "step" else cause, joints, start, stop, certainty, detail)

@@ -160,7 +160,7 @@ def held_runs(values: Array, fps: float) -> list[tuple[int, int, float]]:
     catches_up = length(release - onward) > 0.5 * np.fmax(before, after)
     # What rests by itself slows down before and sets out slowly; a frozen one leaves at a leap.
     leap = length(release) / np.maximum(length(onward), 1e-30)
-    catches_up &= (leap > 2) | ((leap > 0.5) & (length(came) > 0.1 * before))
+    catches_up &= (leap > 1.5) | ((leap > 0.4) & (length(came) > 0.1 * before))
     # A few equal samples may be a turning point, after which the way leads straight back.
     goes_on = _dot(came, release) > -0.8 * length(came) * length(release)
     goes_on &= length(release) > 0.3 * length(onward)

@@ -1,4 +1,4 @@
-"""What the formats of labelled points (C3D, TRC) share: labels told apart, what counts as missing, what changed."""
+"""What formats share: names told apart, and of points (C3D, TRC) what counts as missing and what changed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def unique(labels: Sequence[str], notes: list[str]) -> list[str]:
     renamed = [name for name, label in zip(told_apart, labels) if name != label]
     if renamed:
         more = ", …" if len(renamed) > 8 else ""
-        notes.append(f"labels that occur twice were told apart: {', '.join(renamed[:8])}{more}")
+        notes.append(f"names that occur twice are numbered here, and not in the file: {', '.join(renamed[:8])}{more}")
     return told_apart
 
 

@@ -17,6 +17,7 @@ from .. import body
 from ..errors import InputError
 from ..motion import Rig, Skeleton, Take, Units
 from ..rotations import IDENTITY, forward_kinematics
+from . import _points
 from ._bvh_text import Reader, Tree
 from ._euler import follow, turns
 from .units import Hints, from_metres, resolve, rotation_to_y_up, to_metres
@@ -46,10 +47,7 @@ def read(path: Path, hints: Hints) -> Take:
     notes: list[str] = []
     fps, declared = reader.motion_header(hints, notes)
     channels, rows = reader.frames(tree, declared, notes)
-    unique = _unique(tree.names)
-    if unique != tuple(tree.names):
-        notes.append("some joints share a name; the later ones are numbered here, and not in the file")
-    skeleton = Skeleton(unique, tuple(tree.parents))
+    skeleton = Skeleton(tuple(_points.unique(tree.names, notes)), tuple(tree.parents))
 
     few = channels[sorted(set(np.linspace(0, len(channels) - 1, 50).astype(int).tolist()))]
     plain = _rig(tree, skeleton, few, Units(1.0, "y", ""))
@@ -59,20 +57,6 @@ def read(path: Path, hints: Hints) -> Take:
     rig = _rig(tree, skeleton, channels, units)
     document = Document(raw, rows, channels, tree, rig)
     return Take(rig.motion(fps), rig, document, units, "bvh", str(path), tuple(notes))
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
-    """The names, with the second of a kind called "name_2" and so on."""
-    taken, counts, unique = set(names), {}, []
-    for name in names:
-        counts[name] = count = counts.get(name, 0) + 1
-        fresh = name
-        while count > 1 and fresh in taken:
-            fresh = f"{name}_{counts[name]}"
-            counts[name] += 1
-        taken.add(fresh)
-        unique.append(fresh)
-    return tuple(unique)
 
 
 def _rig(tree: Tree, skeleton: Skeleton, channels: Array, units: Units) -> Rig:
