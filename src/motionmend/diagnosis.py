@@ -22,7 +22,7 @@ from .symptoms import FEW, Tear, Track
 
 CERTAIN = 0.6  # what `untrusted` needs; below it a finding is only told
 UNSURE = 0.5
-OFTEN = 30.0  # held stretches a minute, from which on they are how the take was made
+OFTEN = 20.0  # held stretches a minute, from which on they are how the take was made
 LONG_STILL = 1.0  # seconds
 TIP = 3  # joints that hang on one of a finger, a toe or a head, itself included
 TIP_SPEED = float(np.radians(480))  # a second, which these reach
@@ -240,18 +240,22 @@ def _held(take: Take, tracks: list[Track], copied: Array, doubled: Array, bad: A
             frozen[start:stop, number] = certainty
     lively = copied.mean(axis=0) < 0.5
     whole = np.logical_and.reduce(copied[:, lively], axis=1) & (lively.sum() > 1) & ~doubled
-    most = UNSURE if _is_habit(every, len(take) / take.fps) else 1.0
-    findings = []
+    often = OFTEN * len(take) / take.fps / 60
+    most = UNSURE if _is_habit(every, often) else 1.0
+    stills = []
     for start, stop in runs(whole):
         certainties = frozen[start:stop, lively].max(axis=0)
+        # A take that ends, or begins, with a still may be meant so, and so may a long one that few leave at a leap.
+        needed = 0.3 if stop - start <= LONG_STILL * take.fps else 0.6
         if (certainties > 0).mean() > 0.3:
-            # A take that ends, or begins, with a still may be meant so; one that goes on in the middle is not.
-            # So is one in which little else than a hand was about to move, if it is long.
-            needed = 0.3 if stop - start <= LONG_STILL * take.fps else 0.6
-            certainty = min(most, 0.95 if (certainties >= CERTAIN).mean() > needed else UNSURE)
-            bad[start:stop] |= certainty >= CERTAIN
-            detail = f"every joint repeats frame {start - 1}"
-            findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
+            stills.append((start, stop, (certainties >= CERTAIN).mean() > needed))
+    rare = sum(sure for _, _, sure in stills) <= max(3, often)
+    findings = []
+    for start, stop, sure in stills:
+        certainty = 0.95 if sure and rare and most == 1 else UNSURE
+        bad[start:stop] |= certainty >= CERTAIN
+        detail = f"every joint repeats frame {start - 1}"
+        findings.append(_finding(take, "gap", range(len(take.skeleton)), start, stop, certainty, detail))
     scattered = np.zeros_like(bad)
     stretches: dict[tuple[int, int], list[tuple[int, float]]] = {}
     for joint, start, stop, certainty in every:
@@ -269,11 +273,11 @@ def _held(take: Take, tracks: list[Track], copied: Array, doubled: Array, bad: A
     return [*findings, *_dropout(take, scattered, min(most, 0.9), "repeat the one before, while the joint moves")]
 
 
-def _is_habit(every: list[tuple[int, int, int, float]], seconds: float) -> bool:
-    """Whether stretches are held too often, and more often than single samples, to be damage."""
+def _is_habit(every: list[tuple[int, int, int, float]], often: float) -> bool:
+    """Whether more stretches than `often` are held, and more than single samples: such is no damage."""
     sure = [(start, stop) for _, start, stop, certainty in every if certainty >= CERTAIN]
     stretches = {(start, stop) for start, stop in sure if stop - start >= FEW}
-    return len(stretches) > max(5, OFTEN * seconds / 60, sum(stop - start < FEW for start, stop in sure))
+    return len(stretches) > max(5, often, sum(stop - start < FEW for start, stop in sure))
 
 
 def _torn(take: Take, tracks: list[Track]) -> Iterator[Finding]:

@@ -3,8 +3,8 @@
 Every fill is a `Completer`, kept in `FILLS` under its name. They compute in float64, read observed samples
 only, and change nothing that is observed. A joint that is never observed stays so. A gap at the take's edge
 has no far end: if it is at most EDGE_SECONDS long it is extrapolated by `curves.settle` (the velocity dies
-away), and otherwise left unobserved; `Gaps.is_edge` says which gaps these are. A donor knows how the motion
-went on, so with one, edges of any length are filled.
+away), and otherwise left unobserved; `Gaps.is_edge` says which gaps these are. Three donors of one body know how
+it went on, so with them edges of any length are filled.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .motion import Motion
 Array = np.ndarray
 
 EDGE_SECONDS = 1.0
+DAY = 86_400.0  # seconds, longer than any take
 
 
 class Fill:
@@ -80,6 +81,7 @@ class DonorFill(Fill):
     chart : `donors.pattern_chart`, the difference to one donor, or `donors.rigid_chart`, the place in the
         frame of three or more that keep their distances.
     donors : names to choose from; all joints if empty.
+    edge_seconds : gaps at the take's edge are carried by donors up to this length.
     otherwise : fills the gaps for which no donors qualify.
     """
 
@@ -87,6 +89,7 @@ class DonorFill(Fill):
     chart: Callable[..., Chart | None]
     donors: tuple[str, ...] = ()
     curve: str = "hermite"
+    edge_seconds: float = EDGE_SECONDS
     otherwise: Fill = CurveFill("hermite")
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
@@ -106,7 +109,7 @@ class DonorFill(Fill):
         allowed[[motion.skeleton.index(name) for name in self.donors] or slice(None)] = True
         hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
         reach = CURVES[self.curve].reach(motion.fps)
-        for row in np.flatnonzero(~gaps.is_blank).tolist():
+        for row in np.flatnonzero(crossable(gaps, motion.fps, self.edge_seconds)).tolist():
             joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
             through = hidden[min(stop + 1, len(motion))] == hidden[max(start - 1, 0)]
             seen = near(motion.observed[:, joint], start, stop, reach)
@@ -120,5 +123,5 @@ FILLS: dict[str, Fill] = {
     "hermite": CurveFill("hermite"),
     "cubic": CurveFill("cubic"),
     "pattern": DonorFill("pattern", pattern_chart),
-    "rigid": DonorFill("rigid", rigid_chart, curve="linear"),
+    "rigid": DonorFill("rigid", rigid_chart, curve="linear", edge_seconds=DAY),
 }
