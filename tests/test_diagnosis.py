@@ -130,6 +130,103 @@ def test_a_take_that_ends_with_a_still_is_not_replaced():
     assert np.array_equal(diagnose(damaged).untrusted, truth.mask)
 
 
+def bent(take: Take, joint: int, degrees: np.ndarray) -> Take:
+    """The take with one joint bent about its x axis, and nothing else, by so many degrees a frame."""
+    assert take.rig is not None
+    half = np.radians(degrees) / 2
+    rotations = take.rig.rotations.copy()
+    rotations[:, joint] = np.stack([np.sin(half), 0 * half, 0 * half, np.cos(half)], axis=-1)
+    return take.with_rig(replace(take.rig, rotations=rotations))
+
+
+def swing(frames: int = 600, fps: float = 120.0, size: float = 30.0) -> np.ndarray:
+    return size * np.sin(2 * np.pi * 0.9 * np.arange(frames) / fps + 0.4)
+
+
+def test_a_value_to_which_a_joint_comes_back_again_and_again_is_where_it_rests():
+    """Toes that a solver puts to the same angle, in the midst of all they do, for a moment of every step."""
+    frames = np.arange(600)
+    once = swing()
+    once[200:215] = once[200]
+    assert diagnose(bent(rig_take(600), 2, once)).untrusted[201:215, 2].all()
+    period = np.interp(np.arange(120), [0, 60, 120], [-20, 25, -20]) + 3 * np.sin(np.arange(120) / 120 * 2 * np.pi)
+    period[30:42] = period[30]
+    assert not diagnose(bent(rig_take(600), 2, period[frames % 120])).untrusted.any()
+
+
+def test_flat_keys_that_are_left_slowly_are_not_held():
+    steps = [4.3, 7.9, 8.6, 7.1, 2.1, 0, 0, 0, 0, 0, 0.04, 6.0, 8.0, 6.9, 8.3, 8.5]
+    way = swing(300, 30.0)
+    degrees = np.concatenate([way[:150], way[149] - np.cumsum(steps), way[149] - np.sum(steps) - way[149] + way[149:]])
+    assert not diagnose(bent(rig_take(len(degrees), 30.0), 2, degrees)).untrusted.any()
+
+
+@KINDS
+def test_what_is_held_all_the_time_is_how_the_take_was_made(make):
+    stretches = [([2], start, start + 10) for start in range(40, 1150, 47)]
+    diagnosis = diagnose(plant(make(1200), held=stretches))
+    held = [finding for finding in diagnosis.findings if finding.cause == "held"]
+    assert len(held) > 15 and all(finding.certainty < CERTAIN for finding in held)
+    assert not diagnosis.untrusted.any()
+
+
+@KINDS
+def test_a_pose_that_stops_all_the_time_is_how_the_take_was_made(make):
+    stills = [([0, 1, 2, 3, 4], start, start + 7) for start in (100, 180, 290, 400, 520)]
+    diagnosis = diagnose(plant(make(600), held=stills))
+    assert causes(diagnosis) == {"gap"} and not diagnosis.untrusted.any()
+    few = diagnose(plant(make(600), held=stills[:2]))
+    assert few.untrusted.all(axis=1).sum() == 14 == few.untrusted.sum() // 5
+
+
+def test_a_start_made_from_a_lower_rate_does_not_hide_a_gap():
+    take = rig_take(600)
+    assert take.rig is not None
+    rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
+    for array in (rotations, translations):
+        array[1:60:2] = array[0:60:2]
+    slow = take.with_rig(replace(take.rig, rotations=rotations, translations=translations))
+    damaged, truth = plant_and_tell(slow, gaps=[(300, 330)])
+    diagnosis = diagnose(damaged)
+    assert np.array_equal(diagnosis.untrusted, truth.mask)
+    slower = only(diagnosis, "held")
+    assert (slower.start, slower.stop) == (0, 60) and slower.certainty < CERTAIN
+
+
+def test_two_tips_alone_are_not_exchanged():
+    """Both knees change places in the same frames, and nothing else does: told, and left."""
+    one, other = swing(size=10), 25 + swing(size=12)
+    one[250:310], other[250:310] = other[250:310].copy(), one[250:310].copy()
+    diagnosis = diagnose(bent(bent(rig_take(600), 2, one), 4, other))
+    swap = only(diagnosis, "swap")
+    assert (swap.start, swap.stop, swap.indices) == (250, 310, (2, 4)) and swap.certainty < CERTAIN
+
+
+def test_twins_that_jump_in_different_frames_have_not_changed_places():
+    one, other = 1 + 0 * swing(), 18 + 0 * swing()
+    one[250:310], other[252:307] = 18, 1
+    assert "swap" not in causes(diagnose(bent(bent(rig_take(600), 2, one), 4, other)))
+
+
+def test_a_finger_keyed_fast_at_a_low_rate_is_no_jump():
+    degrees = swing(150, 30.0, size=4.0)
+    degrees[[60, 90]] += 12
+    assert not diagnose(bent(rig_take(150, 30.0), 2, degrees)).untrusted.any()
+    degrees[[60, 90]] += 30
+    assert np.argwhere(diagnose(bent(rig_take(150, 30.0), 2, degrees)).untrusted).tolist() == [[60, 2], [90, 2]]
+
+
+def test_points_that_move_together_by_a_little_are_told_and_left():
+    take = marker_cloud()
+    positions = take.motion.positions.copy()
+    positions[300:302, :5] += [0.0, 0.02, 0.0]
+    diagnosis = diagnose(cloud_of(positions, 100.0))
+    jump = only(diagnosis, "jump")
+    assert (jump.start, jump.stop, len(jump.indices)) == (300, 302, 5) and jump.certainty < CERTAIN
+    positions[300:302, :5] += [0.0, 0.06, 0.0]
+    assert np.flatnonzero(diagnose(cloud_of(positions, 100.0)).untrusted.any(axis=1)).tolist() == [300, 301]
+
+
 # What is not ------------------------------------------------------------------------------------------------
 
 

@@ -100,7 +100,9 @@ class DonorFill(Fill):
             out[start:stop, joint] = chart.outward(weights @ chart.samples)
             method[row], donors[row] = self.name, chart.donors
         rest = np.flatnonzero(method == gaps.method)
-        method[rest] = self.otherwise.fill_gaps(out, motion, gaps.pick(rest)).method
+        others = self.otherwise.fill_gaps(out, motion, gaps.pick(rest))
+        method[rest] = others.method
+        donors |= {int(rest[row]): chosen for row, chosen in others.donors.items()}
         return replace(gaps, method=method, donors=donors)
 
     def charts(self, motion: Motion, gaps: Gaps) -> Iterator[tuple[int, Chart]]:

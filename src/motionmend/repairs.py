@@ -234,7 +234,8 @@ def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
         return "never seen"
     if gaps.is_edge[row]:
         side = "after" if gaps.before[row] else "before"
-        return f"nothing is known {side} it" + ", extrapolated" * bool(method)
+        how = ", carried by its donors" if row in gaps.donors else ", extrapolated" if method else ""
+        return f"nothing is known {side} it{how}"
     if asked == "auto":
         return gaps.reasons.get(row, kind)
     return "as asked" if method == asked else f"no donors for {asked}"
