@@ -149,15 +149,15 @@ def test_a_value_to_which_a_joint_comes_back_again_and_again_is_where_it_rests()
     once = swing()
     once[200:215] = once[200]
     assert diagnose(bent(rig_take(600), 2, once)).untrusted[201:215, 2].all()
-    period = np.interp(np.arange(120), [0, 60, 120], [-20, 25, -20]) + 3 * np.sin(np.arange(120) / 120 * 2 * np.pi)
-    period[30:42] = period[30]
+    period = 30 * np.sin(2 * np.pi * np.arange(120) / 120 + 0.4)
+    period[108:118] = period[108]
     assert not diagnose(bent(rig_take(600), 2, period[frames % 120])).untrusted.any()
 
 
 def test_flat_keys_that_are_left_slowly_are_not_held():
     steps = [4.3, 7.9, 8.6, 7.1, 2.1, 0, 0, 0, 0, 0, 0.04, 6.0, 8.0, 6.9, 8.3, 8.5]
     way = swing(300, 30.0)
-    degrees = np.concatenate([way[:150], way[149] - np.cumsum(steps), way[149] - np.sum(steps) - way[149] + way[149:]])
+    degrees = np.concatenate([way[:150], way[149] - np.cumsum(steps), way[150:] - np.sum(steps)])
     assert not diagnose(bent(rig_take(len(degrees), 30.0), 2, degrees)).untrusted.any()
 
 
@@ -174,7 +174,9 @@ def test_what_is_held_all_the_time_is_how_the_take_was_made(make):
 def test_a_pose_that_stops_all_the_time_is_how_the_take_was_made(make):
     stills = [([0, 1, 2, 3, 4], start, start + 7) for start in (100, 180, 290, 400, 520)]
     diagnosis = diagnose(plant(make(600), held=stills))
-    assert causes(diagnosis) == {"gap"} and not diagnosis.untrusted.any()
+    gaps = [finding for finding in diagnosis.findings if finding.cause == "gap"]
+    assert len(gaps) == 5 and all(gap.certainty < CERTAIN for gap in gaps)
+    assert not diagnosis.untrusted.any()
     few = diagnose(plant(make(600), held=stills[:2]))
     assert few.untrusted.all(axis=1).sum() == 14 == few.untrusted.sum() // 5
 
@@ -204,7 +206,7 @@ def test_two_tips_alone_are_not_exchanged():
 
 def test_twins_that_jump_in_different_frames_have_not_changed_places():
     one, other = 1 + 0 * swing(), 18 + 0 * swing()
-    one[250:310], other[252:307] = 18, 1
+    one[250:310], other[254:306] = 18, 1
     assert "swap" not in causes(diagnose(bent(bent(rig_take(600), 2, one), 4, other)))
 
 

@@ -211,3 +211,11 @@ def test_points_with_bones_keep_their_lengths(walk):
     mask = np.ones(len(take), bool)
     mask[120:180] = mask[250:300] = False
     assert np.array_equal(fixed.motion.positions[mask], motion.positions[mask])
+
+
+def test_the_report_names_the_donors(cloud):
+    fixed = mm.repair(cloud, lost=["LeftForeArm:150:180"], method="pattern", donors=["LeftArm", "LeftHand"])
+    (fill,) = fixed.report.fills
+    assert fill.method == "pattern"
+    assert set(fill.donors) < {"LeftArm", "LeftHand"}
+    assert len(fill.donors) == 1

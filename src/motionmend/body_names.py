@@ -103,7 +103,7 @@ def _middle(stem: str) -> str:
     return MIDDLE[numbered[1]] if numbered else ""
 
 
-def limbs(names: list[tuple[str, str]]) -> dict[str, int]:
+def limbs(names: Sequence[tuple[str, str]]) -> dict[str, int]:
     """From parsed names: BODY's limb joints ("left_forearm") and the index of the name that means each."""
     found = {}
     for side in SIDES:
@@ -135,14 +135,14 @@ def _limb(stems: dict[str, int]) -> dict[str, int]:
     return found
 
 
-def middles(names: list[tuple[str, str]], part: str) -> list[int]:
+def middles(names: Sequence[tuple[str, str]], part: str) -> list[int]:
     """The indices of the names that mean this part of the trunk ("hips", "spine", …), surest first."""
     order = MIDDLE_STEMS[part].split()
     found = [j for j, (side, stem) in enumerate(names) if not side and stem and _middle(stem) == part]
     return sorted(found, key=lambda j: order.index(names[j][1]) if names[j][1] in order else len(order))
 
 
-def upwards(names: list[tuple[str, str]], joints: Sequence[int]) -> list[int]:
+def upwards(names: Sequence[tuple[str, str]], joints: Sequence[int]) -> list[int]:
     """Spine and chest joints from the lowest to the highest, as their names say: chests last, then by number."""
 
     def place(joint: int) -> tuple[bool, int, int]:

@@ -213,7 +213,8 @@ def _put_back(filled: Take, source: Take, kept: Array) -> Take:
 def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") -> list[Filled]:
     """The report's lines: the gaps that lie in `wanted`, those of the same frames and fate together."""
     kinds = auto.rig_kinds(take.rig, gaps) if take.rig else auto.point_kinds(take.motion, gaps)
-    together: dict[tuple[int, int, str, str], list[str]] = {}
+    names = take.skeleton.names
+    together: dict[tuple[int, int, str, str, tuple[str, ...]], list[str]] = {}
     for row, kind in enumerate(kinds):
         joint, first = int(gaps.joint[row]), int(gaps.start[row])
         inside = np.flatnonzero(wanted[first : gaps.stop[row], joint])
@@ -222,10 +223,11 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
         start, stop = first + int(inside[0]), first + int(inside[-1]) + 1
         method = "" if because else str(gaps.method[row])
         why = because or _why(gaps, row, method, asked, auto.KINDS[kind])
-        together.setdefault((start, stop, method, why), []).append(take.skeleton.names[joint])
+        donors = tuple(names[donor] for donor in gaps.donors.get(row, ())) if method else ()
+        together.setdefault((start, stop, method, why, donors), []).append(names[joint])
     return [
-        Filled(tuple(names), start, stop, (stop - start) / take.fps, method, why)
-        for (start, stop, method, why), names in sorted(together.items())
+        Filled(tuple(joints), start, stop, (stop - start) / take.fps, method, why, donors)
+        for (start, stop, method, why, donors), joints in sorted(together.items())
     ]
 
 

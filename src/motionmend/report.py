@@ -23,6 +23,7 @@ class Filled:
     seconds: float
     method: str
     why: str
+    donors: tuple[str, ...] = ()  # the joints or markers that carried it
 
 
 @dataclass(frozen=True)
