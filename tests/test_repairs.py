@@ -123,6 +123,16 @@ def test_what_is_named_is_all_that_is_repaired(walk):
     assert not np.array_equal(both.rig.rotations[200:230], broken.rig.rotations[200:230])
 
 
+def test_missing_samples_that_were_not_named_stay_missing(cloud):
+    broken = mm.plant(cloud, lost=[([5], 40, 60)])
+    fixed = mm.repair(broken, gaps=[(100, 110)])
+    assert not fixed.motion.observed[40:60, 5].any()
+    assert fixed.motion.observed[100:110].all()
+    assert [(fill.start, fill.stop, fill.why) for fill in fixed.report.left] == [(40, 60, "missing, but not named")]
+    assert mm.repair(broken, gaps=[(100, 110)], find=True).motion.observed.all()
+    assert mm.repair(cloud.distrust(~broken.motion.observed), find=False).motion.observed.all()
+
+
 def test_damage_is_found_without_being_told(walk, cloud):
     joints = [walk.skeleton.index(name) for name in ("LeftArm", "LeftForeArm", "LeftHand")]
     for take in (walk, cloud):
@@ -187,6 +197,7 @@ def test_the_report_is_json_and_adds_up(walk):
         ({"lost": ["LeftHnd:3:9"]}, "LeftHand"),
         ({"gaps": [(3, 9)], "method": "hermit"}, "hermite"),
         ({"gaps": [(3, 9)], "donors": ["Nobody"]}, "Nobody"),
+        ({"gaps": [(3, 9)], "donors": ["LeftHand"]}, "follow their parents"),
     ],
 )
 def test_what_cannot_be_done_is_said(walk, options, words):

@@ -50,7 +50,8 @@ def repair(
     gaps : frames in which all joints are untrusted, as `(start, stop)` or "120:180" or "0.5s:0.8s".
     lost : joints or markers and frames, as `(names, start, stop)` or "LeftForeArm,LeftHand:300:360". In a take of
         channels these are the joints' own channels; what hangs on them moves with them.
-    find : whether to repair what `diagnose` finds; by default only if neither `gaps` nor `lost` is given.
+    find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
+        `lost` is given. Without it, what these name is all that is repaired.
     method : "linear", "hermite", "cubic", "pattern", "rigid", or "auto".
     donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
@@ -71,8 +72,9 @@ def repair(
     asked = mask_of(take, gaps, lost)
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     findings, whole, wrong = (), take, asked | ~take.trusted
+    only_asked = asked.any() and not find
     swapped, calibration = np.zeros((2, *asked.shape), bool)
-    if find or (find is None and not asked.any()):
+    if find or (find is None and not only_asked):
         stage("looking for damage")
         found = diagnosis.diagnose(take)
         findings = found.findings
@@ -100,8 +102,9 @@ def repair(
     stage("filling gaps")
     filled, done = fill(damaged, method, donors, legs)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
-    filled = _put_back(filled, whole, calibration)
-    changed = wrong & filled.trusted & ~too_long
+    not_named = wrong & ~asked if only_asked else np.zeros_like(wrong)
+    filled = _put_back(filled, whole, calibration | not_named)
+    changed = wrong & filled.trusted & ~too_long & ~not_named
     if plant_feet and changed.any():
         stage("planting feet")
         filled, _ = feet.plant_feet(filled, changed, legs)
@@ -123,8 +126,9 @@ def repair(
         repaired=int(mended.sum()),
         findings=[diagnosis.told(finding) for finding in findings],
         fills=_exchanged(take, findings) + _rows(damaged, done, changed, method),
-        left=_rows(damaged, done, wrong & ~mended & ~too_long, method)
-        + _rows(damaged, done, too_long, method, f"longer than {max_gap}"),
+        left=_rows(damaged, done, wrong & ~mended & ~too_long & ~not_named, method)
+        + _rows(damaged, done, too_long & ~not_named, method, f"longer than {max_gap}")
+        + _rows(damaged, done, not_named, method, "missing, but not named"),
         checks=checked,
         notes=take.notes,
         denoised=denoise or "",
@@ -135,7 +139,7 @@ def repair(
 def fill(take: Take, method: str, donors: Sequence[str] = (), legs: Sequence[feet.Leg] = ()) -> tuple[Take, Gaps]:
     """The take with its untrusted samples filled, and its gaps with the method of each.
 
-    legs : joints of whole legs (`feet.legs`); a leg lost from a standing rig is aimed at its feet's paths.
+    legs : joints of whole legs (`feet.legs`), to be aimed at their joints' paths where one was lost alone.
     """
     if method != "auto" and method not in FILLS:
         raise InputError(f"no method is named {method!r}", hint=nearest_names(method, ["auto", *FILLS]))
@@ -144,6 +148,9 @@ def fill(take: Take, method: str, donors: Sequence[str] = (), legs: Sequence[fee
     if take.rig is None:
         motion, gaps = _completer(method, donors).fill(take.motion)
         return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
+    if donors:
+        found = "donors were named for a take of channels, whose joints follow their parents"
+        raise InputError(found, where=take.source, hint="leave --donors out")
     rig, gaps = fill_rig(take.rig, take.fps, auto.rig_methods if method == "auto" else method)
     return _feet_on_their_paths(take, take.with_rig(rig), method, legs), gaps
 
