@@ -1,7 +1,7 @@
-"""Which fill for which gap: the winners on validation takes, in a table.
+"""Which fill for which gap: by trial beside the gap where that can be, otherwise by who won on validation takes.
 
-`python benchmarks/fills.py --data DIR` measures every method on every kind of gap and prints the table below. A
-new method is measured there and joins by its name.
+`python benchmarks/fills.py --data DIR` measures every method on every kind of gap; WINNERS holds who won. A new
+method is measured there and joins by its name.
 """
 
 from __future__ import annotations
