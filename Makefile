@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check slow docs fuzz clean
+.PHONY: demo test check slow blender docs fuzz clean
 
 demo: $(VENV)/.app
 	$(BIN)/motionmend demo -o demo
@@ -18,6 +18,12 @@ check: $(VENV)/.dev
 
 slow: $(VENV)/.dev
 	$(BIN)/pytest -n auto -m slow
+
+# The GLB files in Blender's own hands; bpy is large, so the suite skips this where it is absent.
+blender: $(VENV)/.dev
+	$(PYTHON) -m venv .venv-blender
+	.venv-blender/bin/pip install -q --disable-pip-version-check bpy==5.0.1
+	MOTIONMEND_BPY_PYTHON=$(CURDIR)/.venv-blender/bin/python $(BIN)/pytest tests/test_io_glb.py
 
 docs: $(VENV)/.docs
 	$(BIN)/sphinx-build -W -b html docs docs/_build
@@ -39,4 +45,4 @@ $(VENV)/.docs: $(VENV)/.app
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build dist demo docs/_build
+	rm -rf $(VENV) .venv-blender build dist demo docs/_build

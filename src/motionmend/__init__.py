@@ -42,7 +42,7 @@ _HOME = {
     "plant": "damage",
     "repair": "repairs",
 }
-__all__ = ["__version__", *_HOME]
+__all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
