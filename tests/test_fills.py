@@ -168,7 +168,8 @@ def test_a_body_that_spins_fast_goes_on_in_its_direction():
 def test_rigid_is_exact_on_a_rigid_body_and_at_its_edges():
     rng = np.random.default_rng(0)
     turn = Rotation.from_rotvec(np.cumsum(rng.normal(size=(50, 3)) * 0.2, axis=0))
-    places, way = rng.normal(size=(5, 3)) * 0.2, np.cumsum(rng.normal(size=(50, 3)), axis=0) * 0.1
+    places = np.array([[0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2], [-0.2, 0.1, 0], [0.1, -0.2, 0.1]])
+    way = np.cumsum(rng.normal(size=(50, 3)), axis=0) * 0.1
     truth = np.stack([turn.apply(place) for place in places], axis=1) + way[:, None]
     observed = np.ones((50, 5), bool)
     observed[10:40, 1] = observed[:6, 2] = observed[45:, 4] = False
@@ -402,3 +403,15 @@ def test_auto_tries_the_methods_beside_the_gap():
     assert done.method.tolist() == ["rigid", "hermite"]
     assert all("beside" in done.reasons[row] for row in (0, 1))
     assert np.abs(filled.positions - positions)[~observed].max() < 1e-4
+
+
+def test_donors_almost_on_a_line_carry_nothing_that_stands_far_off():
+    """Noise on three points of a spine would swing an arm about it: such donors are declined."""
+    rng = np.random.default_rng(0)
+    places = np.array([[0.25, 0.1, 0], [0, 0, 0], [0.02, 0.1, 0], [-0.01, 0.2, 0.01]])
+    truth = np.repeat(places[None], 60, axis=0)
+    observed = np.ones((60, 4), bool)
+    observed[30, 0] = False
+    for _ in range(20):
+        filled, _ = FILLS["rigid"].fill(cloud(truth + rng.normal(0, 0.004, truth.shape), observed))
+        assert np.linalg.norm(filled.positions[30, 0] - truth[30, 0]) < 0.03

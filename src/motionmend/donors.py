@@ -21,6 +21,7 @@ STEADIER = 0.5  # a pattern donor's difference must vary at most this much as th
 RIGID_METRES = 0.01  # standard deviation of the distances within one rigid body
 RIGID_DONORS = 6  # at most
 FLAT_METRES = 0.005  # donors nearer than this to one line have no orientation
+FLAT_SHARE = 0.08  # and neither have those nearer to it than this share of their distance from the joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def rigid_chart(
     Candidates whose distance to the joint is steady around the gap are taken, the steadiest first, as long as
     they also keep their distances to each other, through the gap as well. Each frame's orientation is the
     least-squares one (Kabsch 1976) against the shape at the seams. None if fewer than three qualify or
-    they lie on one line.
+    they lie so near to one line that the turn about it, and with it the joint, would be noise.
     """
     positions, reach = motion.positions, max(2, round(JUDGE_SECONDS * motion.fps))
     judged = near(motion.observed[:, joint], start, stop, reach)
@@ -105,7 +106,10 @@ def rigid_chart(
 
     seams = frames[(frames == start - 1) | (frames == stop)]
     shape = _shape(positions[seams][:, chosen].astype(np.float64))
-    if np.linalg.svd(shape, compute_uv=False)[1] < FLAT_METRES * np.sqrt(len(chosen)):
+    breadth = np.linalg.svd(shape, compute_uv=False)[1] / np.sqrt(len(chosen))
+    centres = positions[seams][:, chosen].astype(np.float64).mean(axis=1)
+    lever = np.linalg.norm(positions[seams, joint] - centres, axis=-1).max()
+    if breadth < max(FLAT_METRES, FLAT_SHARE * lever):
         return None
     frames = frames[np.all(motion.observed[frames][:, chosen], axis=1)]
     turn, centre = _pose(shape, positions[frames][:, chosen].astype(np.float64))
