@@ -15,7 +15,7 @@ import motionmend
 from motionmend.damage import mirrored_pairs, plant, plant_and_tell
 from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose, told, unswap
 from motionmend.io import load, save
-from motionmend.motion import Motion, Skeleton, Take
+from motionmend.motion import Motion, Skeleton, Take, Units
 from motionmend.rotations import apply, from_rotvec, inverse, multiply
 from motionmend.symptoms import noise_level
 from test_damage import NAMES, UNITS, point_take, rig_take
@@ -555,3 +555,18 @@ def test_clean_captures_are_hardly_accused(cmu):
     for kind in (takes, [as_points(take) for take in takes]):
         accused = [diagnose(take).untrusted for take in kind]
         assert sum(mask.sum() for mask in accused) <= 0.002 * sum(mask.size for mask in accused)
+
+
+def test_a_joint_that_hardly_moved_when_its_limb_froze_is_found_with_it():
+    """By itself a joint that slows down, rests and leaves could be at a turning point; frozen in just the frames of its
+    neighbour it is not."""
+    clock = np.arange(240) / 120
+    swing = np.stack([np.sin(4 * clock), 0.3 * np.cos(3 * clock), clock], axis=-1)
+    turning = np.stack([(clock - 0.99) ** 2, 0.2 * (clock - 0.99) ** 2, 0 * clock], axis=-1)
+    positions = np.stack([swing, turning, 0.5 * swing[:, ::-1]], axis=1).astype(np.float32)
+    positions[120:150, :2] = positions[119, :2]
+    motion = Motion(positions, np.ones(positions.shape[:2], bool), 120.0, Skeleton.cloud(("a", "b", "c")))
+    take = Take(motion, None, None, Units(1.0, "y", "made"), "npz", "made.npz")
+    untrusted = diagnose(take).untrusted
+    assert untrusted[120:150, :2].all()
+    assert not untrusted[:, 2].any()
