@@ -271,7 +271,7 @@ def _held(take: Take, tracks: list[Track], copied: Array, doubled: Array, bad: A
         if max(certainties) >= CERTAIN:
             # Another joint that was frozen in just these frames was frozen with them, though it hardly moved then.
             edges = copied[[start - 1, min(stop, len(copied) - 1)]].any(axis=0)
-            alike = copied[start:stop].all(axis=0) & ~edges
+            alike = np.asarray(copied[start:stop].all(axis=0) & ~edges)
             joints += tuple(track.joint for track, same in zip(tracks, alike) if same)
         detail = f"the value of frame {start - 1} is repeated"
         findings.append(_finding(take, "held", sorted(set(joints)), start, stop, max(certainties), detail))
