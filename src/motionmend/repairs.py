@@ -219,6 +219,8 @@ def _put_back(filled: Take, source: Take, kept: Array) -> Take:
 
 def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") -> list[Filled]:
     """The report's lines: the gaps that lie in `wanted`, those of the same frames and fate together."""
+    if not wanted.any():
+        return []  # most takes leave nothing, and telling the kinds of many gaps takes time
     kinds = auto.rig_kinds(take.rig, gaps) if take.rig else auto.point_kinds(take.motion, gaps)
     names = take.skeleton.names
     together: dict[tuple[int, int, str, str, tuple[str, ...]], list[str]] = {}
