@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 import motionmend.io as io
-from motionmend.damage import Truth, mirrored_pairs, plant_and_tell
 from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose
 from motionmend.motion import Motion, Skeleton, Take
+from motionmend.planting import Truth, mirrored_pairs, plant_and_tell
 from motionmend.rotations import IDENTITY
 
 Array = np.ndarray

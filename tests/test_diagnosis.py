@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motionmend
-from motionmend.damage import mirrored_pairs, plant, plant_and_tell
 from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose, told, unswap
 from motionmend.io import load, save
 from motionmend.motion import Motion, Skeleton, Take, Units
+from motionmend.planting import mirrored_pairs, plant, plant_and_tell
 from motionmend.rotations import apply, from_rotvec, inverse, multiply
 from motionmend.symptoms import noise_level
-from test_damage import NAMES, UNITS, point_take, rig_take
+from test_planting import NAMES, UNITS, point_take, rig_take
 
 
 def cloud_of(positions: np.ndarray, fps: float = 120.0, names: tuple[str, ...] | None = None) -> Take:

@@ -15,7 +15,6 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from .comparison import compare as compare
-    from .damage import plant as plant
     from .diagnosis import diagnose as diagnose
     from .errors import InputError as InputError
     from .fitting import fit as fit
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .motion import Rig as Rig
     from .motion import Skeleton as Skeleton
     from .motion import Take as Take
+    from .planting import plant as plant
     from .repairs import repair as repair
 
 # Loaded when first asked for, so that `import motionmend` costs nothing.
@@ -39,7 +39,7 @@ _HOME = {
     "compare": "comparison",
     "diagnose": "diagnosis",
     "fit": "fitting",
-    "plant": "damage",
+    "plant": "planting",
     "repair": "repairs",
 }
 __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -186,8 +186,8 @@ class Damage(Reading):
     """Overwrite the output."""
 
     def run(self) -> int:
-        from .damage import plant
         from .io import save
+        from .planting import plant
         from .ranges import parse_length, parse_lost, parse_range
 
         take = self.load(self.file)

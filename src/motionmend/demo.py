@@ -7,11 +7,11 @@ from importlib.resources import files
 from pathlib import Path
 
 from .comparison import compare
-from .damage import plant
 from .errors import InputError
 from .inspection import inspect
 from .io import load, save, write_whole
 from .picture import draw_repair
+from .planting import plant
 from .repairs import repair
 
 # What is planted in the bundled walk of 359 frames at 120 fps, and then found again without being told.

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from . import compensation, symptoms
-from .damage import exchange_channels, exchanged
 from .motion import Array, Take, runs
+from .planting import exchange_channels, exchanged
 from .swaps import exchange_tracks, find_swaps
 from .symptoms import FEW, Tear, Track
 

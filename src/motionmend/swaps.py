@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .damage import mirrored_pairs
 from .motion import Array
+from .planting import mirrored_pairs
 from .symptoms import Track, continuous_track, known_rows, length, usual
 
 Swap = tuple[int, int, float, list[int]]  # start, stop, certainty, joints: left, right, left, right
