@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+TORCH ?= 2.13.0
 
 .PHONY: demo test check slow blender docs fuzz clean
 
@@ -37,7 +38,8 @@ $(VENV)/.app: pyproject.toml
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.app
-	$(BIN)/pip install -q --disable-pip-version-check -e ".[test,check]"
+	$(BIN)/pip install -q --disable-pip-version-check torch==$(TORCH)
+	$(BIN)/pip install -q --disable-pip-version-check -e ".[test,check,train,tensorboard]"
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.app

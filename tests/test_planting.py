@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend.damage import dropout_mask
+from motionmend.damage import dropouts
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Rig, Skeleton, Take, Units
 from motionmend.planting import mirrored_pairs, plant, plant_and_tell
@@ -204,5 +204,5 @@ def test_what_cannot_be_planted_is_said():
 
 
 def test_masks_alone():
-    mask = dropout_mask(1000, 20, 0.25, np.random.default_rng(0))
+    mask = dropouts((1000, 20), 0.25, np.random.default_rng(0))
     assert mask.shape == (1000, 20) and 0.24 < mask.mean() < 0.26

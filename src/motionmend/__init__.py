@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .motion import Rig as Rig
     from .motion import Skeleton as Skeleton
     from .motion import Take as Take
+    from .networks import load_completer as load_completer
     from .planting import plant as plant
     from .repairs import repair as repair
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 _HOME = {
     "InputError": "errors",
     "load": "io",
+    "load_completer": "networks",
     "save": "io",
     "Motion": "motion",
     "Rig": "motion",

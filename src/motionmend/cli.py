@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, Optional
+from typing import Annotated, Any, Literal, Optional
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
@@ -269,6 +270,27 @@ COMMANDS = {
     "demo": Demo,
 }
 
+# Verbs with a file of their own, imported when they are asked for: module, and what the list of commands says.
+ELSEWHERE = {
+    "data": ("cli_data", "Build corpora from raw takes, and show what is in them."),
+    "benchmark": ("cli_benchmark", "Measure methods by the papers' protocols."),
+    "train": ("cli_train", "Train a network on corpora."),
+    "models": ("cli_train", "List the trained networks that are installed."),
+}
+
+
+def parsed(argv: list[str]) -> Any:
+    """The command that a command line means, with its options."""
+    verb = argv[0] if argv else ""
+    if verb in ELSEWHERE:
+        module = importlib.import_module(f".{ELSEWHERE[verb][0]}", __package__)
+        return module.parsed(argv)
+    listed = {name: make_dataclass(name, (), namespace={"__doc__": told}) for name, (_, told) in ELSEWHERE.items()}
+    return tyro.extras.subcommand_cli_from_dict(
+        COMMANDS | listed, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
+        description="Repair human motion capture, and touch nothing else.",
+    )  # fmt: skip
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 1 when any file failed, 2 for a wrong command line."""
@@ -280,11 +302,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show "←" shows "?"
     try:
-        command = tyro.extras.subcommand_cli_from_dict(
-            COMMANDS, prog="motionmend", args=argv, config=(FlagCreatePairsOff,),
-            description="Repair human motion capture, and touch nothing else.",
-        )  # fmt: skip
-        status = command.run()
+        status = parsed(argv).run()
         sys.stdout.flush()
         return status
     except BrokenPipeError:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .damage import Stretch, dropout_mask, stretches_mask
+from .damage import Stretch, dropouts, stretches_mask
 from .errors import InputError
 from .motion import Array, Rig, Take
 from .rotations import from_rotvec, multiply, normalised
@@ -115,7 +115,7 @@ def plant_and_tell(
     }
     for cause, share in (("dropout", dropout), ("noise", noise)):
         if share > 0:
-            masks[cause] = dropout_mask(frames, joints, share if cause == "dropout" else 1.0, rng)
+            masks[cause] = dropouts((frames, joints), share if cause == "dropout" else 1.0, rng)
             planted.append(Planted(cause, tuple(everyone), 0, frames))
     if take.rig is None:
         damaged = _damage_points(take, wanted, masks, noise, size, rng)

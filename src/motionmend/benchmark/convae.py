@@ -1,0 +1,384 @@
+"""The protocol of Kaufmann et al. 2020 (ConvAE): tables 1 and 2, lost joints, gap and context sweeps, bone lengths.
+
+What the paper's "root overwritten" means, read in the authors' code. Their networks give poses in body-local space:
+relative to the root on the floor, seen along the heading, and that root path and heading are replaced by the true ones
+before poses are compared in the world. What is left is the distance between body-local poses, and the same can be had
+of any method that gives world positions: `body_local` takes from each motion, the true one and the guessed one, its
+own root path and heading. This is the metric BODY_LOCAL, and compares with the paper's rows of networks.
+The paper's row "Linear Interpolation" is not computed so: it interpolates world positions and compares them in the
+world, with the root's own error in them. This is the metric WORLD; the paper's row is that of `linear`.
+Both are means over the joints but the root on the floor (21 there, BODY's 21 here), with the standard deviation over
+all joints and frames, not over windows.
+
+Not as in the paper: joints of a clip that is shorter than a window are not held still to pad it, those clips are
+left out; subjects are split, not clips; the noise and dropout experiments there leave the root path alone and count
+the root's zero error (a factor of 21/22), here the world positions are damaged and the root is not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import metrics
+from ..body import BODY, JOINT, facing
+from ..corpus import Corpus
+from ..errors import InputError
+from ..motion import Motion
+from ..progress import Stage, silent
+from ..rotations import normalised
+from . import quality
+from .methods import Method
+from .results import TRUTH, Cell, Protocol, evenly
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = np.ndarray
+Rng = np.random.Generator
+
+BODY_LOCAL, WORLD = "3D error, body-local", "3D error, world"
+LOST_ONLY = "3D error of the lost samples, world"
+STRIDE = 120  # frames between windows, as the paper's own are cut
+GAPS = (0, 60, 120)  # frames
+SAMPLED = 400  # windows for noise and dropout
+NOISES = (0.0625, 0.09375)  # metres per axis: sigma = 1.0 and 1.5 in data units of 6.25 cm
+DROPOUTS = (0.3, 0.5)
+LOST = {  # figure 8
+    "left elbow and hand": ("left_forearm", "left_hand"),
+    "both knees, right toe": ("right_shin", "left_shin", "right_toe"),
+}
+SWEPT_GAPS, SEED_FRAMES = (5, 20, 80, 250), 50  # frames; the paper does not say how many were known
+CONTEXTS, CONTEXT_GAP = (1, 5, 10, 25, 50), 80
+BONES = {  # figure 5: the bone that ends in
+    "right thigh": "right_shin", "right shin": "right_foot", "left thigh": "left_shin",
+    "right foot": "right_toe", "spine": "chest", "right forearm": "right_hand",
+}  # fmt: skip
+PERCENTILES = (5, 25, 50, 75, 95)
+BONE_TASK = "bone lengths, "
+ROOT_SIGMA, HEADING_SIGMA = 3.0, 20.0  # frames, of the Gaussians that smooth root path and heading (authors' code)
+BATCH = 64
+
+PROTOCOL = Protocol(
+    name="convae",
+    fps=60,
+    frames=240,
+    unit="cm",
+    describe=(
+        "Kaufmann et al. 2020, section 4: windows of 240 frames at 60 fps, every 120 frames; clips shorter than a "
+        "window are left out. Infilling (table 1): a gap of every joint for 0, 60 or 120 frames in the middle, "
+        "errors over the gap only, and over the whole window for 0 frames, where networks rewrite and fills are "
+        f"exactly 0. Noise and dropout (table 2): {SAMPLED} windows drawn from the split, all if it has fewer; "
+        "Gaussian noise of 62.5 and 93.75 mm per axis; each joint of each frame lost with probability 0.3 and "
+        "0.5; errors over the whole window. Lost joints: two or three for the whole window, as in figure 8. For "
+        "dropout and lost joints a network's raw output is measured over the whole window, as in the paper, and "
+        f"what it puts in place of the lost samples alone. Gap length: 5 to 250 frames between {SEED_FRAMES} known "
+        f"ones on each side, of the same moments; context: 1 to 50 known frames on each side of {CONTEXT_GAP}. "
+        "Body-local errors are between poses relative to each motion's own root path and heading: the paper's "
+        "rows of networks, where these are overwritten with the truth. Errors in the world are the paper's row "
+        "Linear Interpolation, read at linear. Means and standard deviations in cm over all joints and frames. "
+        "Bone lengths: percentiles over windows and frames, in per cent of the true length (figure 5)."
+    ),
+    unjudged=tuple(BONES),
+    spread=True,
+)  # fmt: skip
+
+Damage = Callable[[Array, Rng], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One column of one table.
+
+    starts, frames : its windows.
+    damage : `(positions (B, T, J, 3), rng) -> (damaged positions, hidden (B, T, J), judged (B, T, J))`.
+    does : "fill"; "restore" for methods that rewrite; "raw", which restores where a method can do both;
+    "any", which restores where it can, and otherwise fills.
+    bones : whether to look at the lengths of BONES.
+    """
+
+    task: str
+    setting: str
+    starts: Array
+    frames: int
+    damage: Damage
+    does: str = "fill"
+    bones: bool = False
+
+    def doing(self, method: Method):
+        """The method's function for this trial, or None."""
+        if self.does == "any":
+            return method.restore or method.fill
+        if self.does == "raw":
+            return method.restore if method.fill and method.restore else method.fill
+        return getattr(method, self.does)
+
+
+def starts(corpus: Corpus, split: str, limit: int | None = None) -> Array:
+    """The windows `(W,)` of tables 1 and 2.
+
+    Raises
+    ------
+    InputError : if the split has no whole window of 240 frames.
+    """
+    found = corpus.starts(split, PROTOCOL.frames, STRIDE, whole=True)
+    if not len(found):
+        raise InputError(
+            f"no window of {PROTOCOL.frames} frames in the split {split!r}", where=corpus.path,
+            hint="its clips are too short, or joints are missing everywhere",
+        )  # fmt: skip
+    return evenly(found, limit)
+
+
+def trials(corpus: Corpus, split: str, seed: int = 0, limit: int | None = None) -> list[Trial]:
+    """All of the protocol. Sweeps whose windows the split does not have are left out.
+
+    Raises
+    ------
+    InputError : for a corpus of other joints than BODY's, or without a whole window of 240 frames.
+    """
+    if corpus.skeleton != BODY:
+        raise InputError("its joints are not BODY's", where=corpus.path, hint="build it without --native")
+
+    frames, windows = PROTOCOL.frames, starts(corpus, split, limit)
+    drawn = np.sort(np.random.default_rng(seed).permutation(windows)[:SAMPLED])
+    found = [
+        Trial("infilling", _frames(gap), windows, frames, missing(gap), "fill" if gap else "any", bones=gap != GAPS[1])
+        for gap in GAPS
+    ]
+    found += [Trial("noise", f"{sigma * 1000:g} mm", drawn, frames, noisy(sigma), "restore") for sigma in NOISES]
+    found += [Trial("dropout", f"{share:.0%}", drawn, frames, dropped(share), "raw") for share in DROPOUTS]
+    found += [Trial("joints lost", name, drawn, frames, lost(joints), "raw") for name, joints in LOST.items()]
+    longest = max(SWEPT_GAPS) + 2 * SEED_FRAMES
+    swept = evenly(corpus.starts(split, longest, STRIDE, whole=True), limit)
+    found += [_sweep("gap length", _frames(gap), swept, longest, gap, SEED_FRAMES) for gap in SWEPT_GAPS]
+    longest = CONTEXT_GAP + 2 * max(CONTEXTS)
+    swept = evenly(corpus.starts(split, longest, STRIDE, whole=True), limit)
+    found += [_sweep("context", _frames(known), swept, longest, CONTEXT_GAP, known) for known in CONTEXTS]
+    return [trial for trial in found if len(trial.starts)]
+
+
+def _sweep(task: str, setting: str, windows: Array, longest: int, gap: int, known: int) -> Trial:
+    """The middle of longer windows, so that every column has its gap around the same moments."""
+    frames = gap + 2 * known
+    return Trial(task, setting, windows + (longest - frames) // 2, frames, missing(gap))
+
+
+def measure(
+    corpus: Corpus,
+    split: str,
+    methods: Sequence[Method],
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    train: Corpus | None = None,
+    stage: Stage = silent,
+) -> list[Cell]:
+    """All tasks for all methods; see the package for what a protocol is.
+
+    limit : at most so many windows for each task.
+
+    Raises
+    ------
+    InputError : as `trials`.
+    """
+    del train
+    cells, todo = [], trials(corpus, split, seed, limit)
+    for number, trial in enumerate(todo):
+        stage(f"{trial.task}, {trial.setting} ({number + 1} of {len(todo)})")
+        for name, tally in measure_trial(trial, corpus, methods, seed).items():
+            cells += tally.cells(trial, name)
+    return cells
+
+
+def quick(method: Method, corpus: Corpus, split: str, *, windows: int, seed: int = 0) -> dict[str, float]:
+    """A few numbers to watch a network by, on so many windows: the mean of gaps of 60 and 120 frames first."""
+    tried = [trial for trial in trials(corpus, split, seed, windows) if trial.task in ("infilling", "dropout")]
+    found = {trial.setting: measure_trial(trial, corpus, [method], seed, False)[method.name] for trial in tried}
+    errors = {setting: float(tally.errors[BODY_LOCAL].mean) for setting, tally in found.items()}
+    return {
+        "infilling, body-local": (errors["60 frames"] + errors["120 frames"]) / 2,
+        "60 frames": errors["60 frames"],
+        "120 frames": errors["120 frames"],
+        "120 frames, world": float(found["120 frames"].errors[WORLD].mean),
+        "0 frames": errors["0 frames"],
+        "dropout 30%": errors["30%"],
+    }
+
+
+def measure_trial(
+    trial: Trial, corpus: Corpus, methods: Sequence[Method], seed: int, judge_quality: bool = True
+) -> dict[str, Tally]:
+    """What each method that can do the trial scored, by its name, and the truth's own quality under TRUTH.
+
+    All trials of one seed draw the same numbers, so that columns differ by their size and not by luck.
+    """
+    able = [(method.name, do) for method in methods if (do := trial.doing(method)) is not None]
+    tallies = {TRUTH: Tally()} | {name: Tally() for name, _ in able}
+    rng = np.random.default_rng(seed)
+    for first in range(0, len(trial.starts), BATCH):
+        truth, seen = corpus.windows(trial.starts[first : first + BATCH], trial.frames)
+        damaged, hidden, judged = trial.damage(truth, rng)
+        hidden, judged = hidden & seen, judged & seen
+        damaged = np.where(hidden[..., None], np.float32(np.nan), damaged)
+        poses = body_local(truth)
+        for name, do in [(TRUTH, None), *able]:
+            guess = truth if do is None else do(damaged, seen & ~hidden, corpus.fps, corpus.skeleton)
+            guess, tally = np.where(seen[..., None], guess, np.float32(np.nan)), tallies[name]
+            if do is not None:
+                tally.add(BODY_LOCAL, metrics.distances(poses, body_local(guess))[judged] * 100)
+                apart = metrics.distances(truth, guess) * 100
+                tally.add(WORLD, apart[judged])
+                if trial.does == "raw":
+                    tally.add(LOST_ONLY, apart[hidden])
+            if judge_quality:
+                tally.add_quality(quality.measure(truth, guess, judged, corpus.fps, corpus.skeleton))
+            if trial.bones:
+                tally.add_bones(truth, guess, judged)
+    return tallies
+
+
+class Tally:
+    """What comes together over the batches of a trial for one method."""
+
+    def __init__(self):
+        self.errors: dict[str, metrics.Moments] = {}
+        self.quality: dict[str, list[float]] = {}
+        self.lengths: dict[str, list[Array]] = {}
+
+    def add(self, name: str, errors: Array) -> None:
+        self.errors.setdefault(name, metrics.Moments()).add(errors)
+
+    def add_quality(self, values: dict[str, tuple[float, int]]) -> None:
+        """Means with their weights, of some more windows."""
+        for name, (value, weight) in values.items():
+            total = self.quality.setdefault(name, [0.0, 0.0])
+            total[0] += value * weight
+            total[1] += weight
+
+    def add_bones(self, truth: Array, guess: Array, judged: Array) -> None:
+        """The lengths of BONES at the judged samples, in per cent of the true ones."""
+        true, guessed = (metrics.bone_lengths(positions, BODY.parents) for positions in (truth, guess))
+        for bone, end in BONES.items():
+            joint = JOINT[end]
+            here = judged[..., joint] & (true[..., joint] > 0)
+            shares = 100 * guessed[..., joint][here] / true[..., joint][here]
+            self.lengths.setdefault(bone, []).append(shares.astype(np.float32))
+
+    def cells(self, trial: Trial, method: str) -> Iterator[Cell]:
+        """All that is known; a method that left samples empty has errors of NaN, and nothing else to be judged by."""
+        for name, moments in self.errors.items():
+            yield Cell(trial.task, trial.setting, method, name, float(moments.mean), float(moments.std), PROTOCOL.unit)
+        if any(np.isnan(moments.mean) for moments in self.errors.values()):
+            return
+        for name, (total, weight) in self.quality.items():
+            yield Cell(trial.task, trial.setting, method, name, total / weight, None, quality.UNITS[name])
+        for bone, parts in self.lengths.items():
+            for share, value in zip(PERCENTILES, np.percentile(np.concatenate(parts), PERCENTILES)):
+                task = f"{BONE_TASK}{'whole window' if trial.setting == _frames(0) else 'gap of ' + trial.setting}"
+                yield Cell(task, f"{share}th percentile", method, bone, float(value), None, "%")
+
+
+def body_local(positions: Array) -> Array:
+    """Poses relative to the root on the floor and seen along the heading, facing +z: float64 `(B, T, J, 3)`.
+
+    positions : `(B, T, J, 3)` metres of BODY's joints. The root is where the hips stand on the floor, smoothed over
+    time by a Gaussian of 3 frames; the heading is `body.facing`, smoothed by one of 20 frames (the paper's section
+    3.1, the authors' code). NaN for a joint that is NaN, and for all where no heading is known.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    known = np.asarray(np.isfinite(positions).all(axis=-1))
+    flat = positions.reshape(-1, *positions.shape[2:])
+    forward = facing(Motion(flat, known.reshape(flat.shape[:2]), PROTOCOL.fps, BODY)).reshape(*positions.shape[:2], 3)
+    forward = gaussian_filter1d(np.nan_to_num(forward.astype(float)), HEADING_SIGMA, axis=1, mode="nearest")
+    forward = np.where(forward.any(axis=-1, keepdims=True), normalised(forward), np.nan)[:, :, None]
+    root = gaussian_filter1d(positions[:, :, 0].astype(float), ROOT_SIGMA, axis=1, mode="nearest")[:, :, None]
+    x, z = (positions[..., axis] - root[..., axis] for axis in (0, 2))
+    forward_x, forward_z = forward[..., 0], forward[..., 2]
+    return np.stack([x * forward_z - z * forward_x, positions[..., 1], x * forward_x + z * forward_z], axis=-1)
+
+
+def figures(cells: Sequence[Cell]) -> dict[str, Figure]:
+    """Box plots of bone lengths by the cells' percentiles, as figure 5: one PNG a task, in place of its lines."""
+    from matplotlib.figure import Figure
+
+    drawn = {}
+    for task in dict.fromkeys(cell.task for cell in cells if cell.task.startswith(BONE_TASK)):
+        found = {(cell.method, cell.metric, cell.setting): cell.value for cell in cells if cell.task == task}
+        names = list(dict.fromkeys(name for name, _, _ in found if name != TRUTH))
+        figure = Figure(figsize=(11, 4.5), layout="constrained")
+        axes = figure.subplots()
+        handles, width = [], 0.8 / max(len(names), 1)
+        for number, name in enumerate(names):
+            boxes = []
+            for bone in BONES:
+                low, q1, median, q3, high = (found[name, bone, f"{share}th percentile"] for share in PERCENTILES)
+                boxes.append({"whislo": low, "q1": q1, "med": median, "q3": q3, "whishi": high, "fliers": []})
+            places = np.arange(len(BONES)) + (number - (len(names) - 1) / 2) * width
+            plot = axes.bxp(boxes, positions=places, widths=0.8 * width, patch_artist=True, showfliers=False,
+                            boxprops={"facecolor": f"C{number}"}, medianprops={"color": "black"})  # fmt: skip
+            handles.append(plot["boxes"][0])
+        axes.axhline(100, color="gray", linewidth=0.8, zorder=0)
+        axes.set_xticks(range(len(BONES)), list(BONES))
+        axes.set_ylabel("length, % of the true one")
+        axes.set_title(f"{task}: median, quartiles, 5th and 95th percentile")
+        axes.legend(handles, names, ncols=min(len(names), 7), fontsize="small")
+        drawn[task.replace(",", "").replace(" ", "_")] = figure
+    return drawn
+
+
+# Damage -----------------------------------------------------------------------------------------------------
+
+
+def missing(gap: int) -> Damage:
+    """Every joint lost for so many frames in the middle, which are judged; nothing lost and all judged for 0."""
+
+    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
+        del rng
+        hidden = np.zeros(positions.shape[:3], bool)
+        start = (positions.shape[1] - gap) // 2
+        hidden[:, start : start + gap] = True
+        return positions, hidden, hidden if gap else ~hidden
+
+    return damage
+
+
+def noisy(sigma: float) -> Damage:
+    """Gaussian noise of `sigma` metres on each coordinate of every joint."""
+
+    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
+        noise = rng.standard_normal(positions.shape, np.float32) * np.float32(sigma)
+        nowhere = np.zeros(positions.shape[:3], bool)
+        return positions + noise, nowhere, ~nowhere
+
+    return damage
+
+
+def dropped(share: float) -> Damage:
+    """Each joint of each frame lost with this probability, on its own."""
+
+    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
+        hidden = rng.random(positions.shape[:3], np.float32) < share
+        return positions, hidden, np.ones_like(hidden)
+
+    return damage
+
+
+def lost(joints: Sequence[str]) -> Damage:
+    """Some joints lost in all frames."""
+
+    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
+        del rng
+        hidden = np.zeros(positions.shape[:3], bool)
+        hidden[:, :, [JOINT[joint] for joint in joints]] = True
+        return positions, hidden, np.ones_like(hidden)
+
+    return damage
+
+
+def _frames(count: int) -> str:
+    return f"{count} frames" if count != 1 else "1 frame"

@@ -1,0 +1,215 @@
+"""The protocol of Kania et al. 2021 (TrajeVAE): one start pose, the paths of k joints, many samples of what follows.
+
+The joints are given in the paper's order, which it motivates by the variance of their coordinates: right foot, left
+foot, right hand, left hand. For its figure 6, on to all joints, it names none; ORDER goes on by that variance as it is
+on the CMU training subjects, with the first pose's hips at the origin. A method sees the start pose and the given paths
+in the world, NaN in place of the others, and is never told more. With K = 1 it gives its one best guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..body import BODY, JOINT
+from ..corpus import Corpus
+from ..errors import InputError
+from ..metrics_sampling import SampleScores, bone_stretch, control_error, displacements, flattened
+from ..progress import Stage, silent
+from . import quality
+from .methods import Method
+from .results import TRUTH, Cell, Protocol, evenly
+
+Array = np.ndarray
+
+STRIDE = 25  # frames
+ORDER = (
+    "right_foot", "left_foot", "right_hand", "left_hand", "right_forearm", "right_toe", "right_shin", "left_forearm",
+    "left_toe", "left_shin", "right_upper_arm", "head", "left_upper_arm", "left_shoulder", "right_shoulder", "neck",
+    "right_thigh", "chest", "left_thigh", "spine", "hips",
+)  # fmt: skip
+GIVEN = {50: (0, 1, 2, 3, 4, 7, 10, 14, 21), 1: (0, 1, 2, 3, 4)}  # K -> every k
+BATCH = 16
+UNITS = {
+    "APD": "m", "ADE": "m", "FDE": "m", "MMADE": "m", "MMFDE": "m",
+    "control error": "cm", "bone stretch": "%", "greatest bone stretch": "%", "pop after the start pose": "mm",
+    **{name: quality.UNITS[name] for name in ("jitter", "foot skate")},
+}  # fmt: skip
+
+PROTOCOL = Protocol(
+    name="trajevae",
+    fps=50,
+    frames=101,
+    unit="m",
+    describe=(
+        "Kania et al. 2021, section 4: windows of 1 + 100 frames at 50 fps, every 25 frames. Given: the first "
+        "pose and the paths of k joints in the order right foot, left foot, right hand, left hand, then by "
+        "variance to all 21. K samples, or one best guess. APD, ADE, FDE, MMADE, MMFDE are of poses with the hips "
+        "at the origin in every frame, the other 20 joints as one vector of 60, in m: about 4 times a mean error "
+        "per joint, and not to be compared to the paper's 48 to the digit. ADE and FDE are the least over the "
+        "samples; MM: the mean over all windows of the split whose start pose lies within 0.5. Control error: "
+        "mean distance of the given joints from their paths, in the world; bone stretch: mean and greatest change "
+        "of length against the start pose; both over all samples. Pop: the change of velocity right after the "
+        "start pose; that, jitter and foot skate (of feet that are slow and low) are of the first sample."
+    ),
+    highest=("APD",),
+)  # fmt: skip
+
+
+def starts(corpus: Corpus, split: str, limit: int | None = None) -> Array:
+    """The windows `(W,)` in which every joint is observed throughout.
+
+    Raises
+    ------
+    InputError : for a corpus of other joints than BODY's, or without such a window.
+    """
+    return evenly(_whole(corpus, split)[0], limit)
+
+
+def _whole(corpus: Corpus, split: str) -> tuple[Array, Array]:
+    """All windows of a split: first frames `(W,)` and positions `(W, 1 + T, J, 3)`."""
+    if corpus.skeleton != BODY:
+        raise InputError("its joints are not BODY's", where=corpus.path, hint="build it without --native")
+    found = corpus.starts(split, PROTOCOL.frames, STRIDE, whole=True)
+    positions, observed = corpus.windows(found, PROTOCOL.frames)
+    whole = observed.all(axis=(1, 2))
+    if not whole.any():
+        raise InputError(
+            f"no whole window of {PROTOCOL.frames} frames in the split {split!r}", where=corpus.path,
+            hint="its clips are too short, or joints are missing everywhere",
+        )  # fmt: skip
+    return found[whole], positions[whole]
+
+
+def measure(
+    corpus: Corpus,
+    split: str,
+    methods: Sequence[Method],
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    train: Corpus | None = None,
+    stage: Stage = silent,
+) -> list[Cell]:
+    """All columns for all methods that sample; see the package for what a protocol is.
+
+    limit : score at most so many windows; the groups for MMADE and MMFDE are of all.
+
+    Raises
+    ------
+    InputError : as `starts`.
+    """
+    del train
+    _, truths = _whole(corpus, split)
+    chosen = evenly(np.arange(len(truths)), limit)
+    # What the truth has of itself does not change with k.
+    own = Tally()
+    for block in _blocks(chosen):
+        own.add_quality(truths[block, 0], truths[block, None, 1:], corpus.fps)
+    cells = []
+    for count, every in GIVEN.items():
+        for given in every:
+            task, setting = f"K = {count}", f"k = {given}"
+            means = {TRUTH: own.means()}
+            for method in methods:
+                if method.sample is not None:
+                    stage(f"{method.name}, {task}, {setting}")
+                    means[method.name] = measure_one(method, truths, chosen, given, count, seed, corpus.fps)
+            for key, unit in UNITS.items():
+                cells += [Cell(task, setting, name, key, found[key], None, unit)
+                          for name, found in means.items() if key in found]  # fmt: skip
+    return cells
+
+
+def measure_one(
+    method: Method, truths: Array, chosen: Array, given: int, count: int, seed: int, fps: float
+) -> dict[str, float]:
+    """One method's means over the `chosen` of all windows `truths (W, 1 + T, J, 3)`, with `given` joints told."""
+    scores, tally = SampleScores(truths), Tally()
+    for block in _blocks(chosen):
+        samples = _samples(method, truths[block], given, count, seed, int(block[0]))
+        scores.add(block, samples)
+        tally.add(truths[block], samples, told(given))
+        tally.add_quality(truths[block, 0], samples, fps)
+    found = scores.means() | tally.means()
+    return {key: found[key] for key in UNITS if key in found and not (key == "APD" and count == 1)}
+
+
+def quick(method: Method, corpus: Corpus, split: str, *, windows: int, seed: int = 0) -> dict[str, float]:
+    """A few numbers to watch a network by, on so many windows: ADE of 10 samples, the mean over k = 0 to 4, first."""
+    positions, _ = corpus.windows(starts(corpus, split, windows), PROTOCOL.frames)
+    found: dict[str, list[float]] = {"ADE": [], "FDE": [], "ADE, K = 1": [], "APD": [], "control error": []}
+    groups = np.arange(len(positions))
+    for given in GIVEN[1]:
+        several = measure_one(method, positions, groups, given, 10, seed, corpus.fps)
+        for name in ("ADE", "FDE", "APD", *(["control error"] if given else [])):
+            found[name].append(several[name])
+        guess = _samples(method, positions, given, 1, seed, 0)
+        best = [displacements(flattened(some), flattened(truth[None, 1:]))[0] for some, truth in zip(guess, positions)]
+        found["ADE, K = 1"].append(float(np.mean(best)))
+    return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def told(count: int) -> Array:
+    """`(J,)` bool: the first `count` joints of ORDER."""
+    mask = np.zeros(len(BODY), bool)
+    mask[[JOINT[name] for name in ORDER[:count]]] = True
+    return mask
+
+
+def _samples(method: Method, truths: Array, given: int, count: int, seed: int, first: int) -> Array:
+    """The method's `(B, K, T, J, 3)` for windows `truths (B, 1 + T, J, 3)`, of which it sees what it may see."""
+    assert method.sample is not None
+    mask = np.broadcast_to(told(given), truths[:, 1:].shape[:-1])
+    trajectories = np.where(mask[..., None], truths[:, 1:], np.float32(np.nan))
+    own = int(np.random.SeedSequence([seed, given, count, first]).generate_state(1)[0])
+    samples = method.sample(truths[:, 0].copy(), trajectories, mask.copy(), count, own)
+    wanted = (len(truths), count, *truths[:, 1:].shape[1:])
+    if samples.shape != wanted:
+        raise ValueError(f"{method.name} gave samples {samples.shape}, not {wanted}")
+    same = np.array_equal(samples, np.broadcast_to(samples[:, :1], wanted))
+    return samples[:, :1] if same else samples  # one guess, K times over, scores the same, and sooner
+
+
+def _blocks(chosen: Array) -> list[Array]:
+    return [chosen[first : first + BATCH] for first in range(0, len(chosen), BATCH)]
+
+
+class Tally:
+    """Weighted means of what is measured in the world, and the greatest bone stretch."""
+
+    def __init__(self):
+        self.sums: dict[str, tuple[float, float]] = {}
+        self.greatest = float("nan")
+
+    def add(self, truths: Array, samples: Array, given: Array) -> None:
+        """Control error and bone stretch of `samples (B, K, T, J, 3)`; given `(J,)` bool."""
+        mask = np.broadcast_to(given, samples.shape[2:4])
+        for truth, some in zip(truths, samples):
+            if given.any():
+                self._mean("control error", control_error(some, truth[1:], mask), 1)
+            mean, greatest = bone_stretch(some, truth[0], BODY.parents)
+            self._mean("bone stretch", mean, 1)
+            self.greatest = float(np.fmax(self.greatest, greatest))
+
+    def add_quality(self, pose: Array, samples: Array, fps: float) -> None:
+        """The pop after `pose (B, J, 3)`, jitter and foot skate of the first of `samples (B, K, T, J, 3)`."""
+        first = samples[:, 0]
+        pop = np.linalg.norm(first[:, 1].astype(float) - 2 * first[:, 0] + pose, axis=-1)
+        self._mean("pop after the start pose", float(pop.mean()) * 1000, len(pop))
+        whole = np.concatenate([pose[:, None], first], axis=1)
+        touched = np.ones(whole.shape[:3], bool)
+        # Against itself: its feet stand when they stand, not when the true ones would.
+        found = quality.measure(whole, whole, touched, fps, BODY)
+        for name in ("jitter", "foot skate"):
+            if name in found:
+                self._mean(name, *found[name])
+
+    def _mean(self, name: str, value: float, weight: float) -> None:
+        total, weights = self.sums.get(name, (0.0, 0.0))
+        self.sums[name] = total + value * weight, weights + weight
+
+    def means(self) -> dict[str, float]:
+        found = {name: total / weight for name, (total, weight) in self.sums.items()}
+        return found | ({"greatest bone stretch": self.greatest} if np.isfinite(self.greatest) else {})

@@ -1,0 +1,93 @@
+"""The model card of a checkpoint, in the form that Hugging Face reads: YAML at the top, then Markdown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+# Keys of the budget that have a line of their own in the card; all others are listed as they are.
+_TOLD = {"corpus": "Corpus", "licence": "Licence of the data", "credit": "Credit", "data sha256": "Data hash"}
+
+
+def write_card(facts: Mapping[str, Any], name: str) -> str:
+    """The README.md of a checkpoint.
+
+    Parameters
+    ----------
+    facts : what its `config.json` holds, save the hashes: network, space, fps, frames, skeleton, config, parameters,
+        budget, validation, parity, …
+    name : the folder's.
+    """
+    network, budget, validation = facts["network"], facts["budget"], facts["validation"]
+    title = network if name == "export" else name
+    licence = str(budget.get("licence", "")) or "unknown"
+    front = {
+        "license": "other", "license_name": licence, "library_name": "motionmend",
+        "pipeline_tag": "other", "tags": ["motion-capture", "human-motion", "onnx", network.split(":")[-1]],
+    }  # fmt: skip
+    if budget.get("corpus"):
+        front["datasets"] = _as_list(budget["corpus"])
+    # JSON is YAML: names with colons or quotes in them need no rules of our own.
+    yaml = "\n".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in front.items())
+    joints = len(facts["skeleton"]["names"])
+    seconds = facts["frames"] / facts["fps"]
+    does = (
+        "makes motions that go on from a first pose along whatever paths it is given"
+        if facts["generative"]
+        else "fills what is missing in human motion capture and judges what is there"
+    )
+    lines = [
+        f"---\n{yaml}\n---",
+        f"# {title}",
+        f"This network {does}: windows of {facts['frames']} frames at {facts['fps']:g} frames per second "
+        f"({seconds:.3g} s) of {joints} joints, positions in metres with Y up. It is `{network}` of "
+        f"motionmend, with {facts['parameters']:,} parameters.",
+        "## Use",
+        "```python\nimport motionmend as mm\n\n"
+        f'completer = mm.load_completer("{title}")   # or the path of this folder; runs without torch\n'
+        'take = mm.load("broken.bvh")\n'
+        f"{_USE_SAMPLES if facts['generative'] else _USE_FILL}```",
+        "The take may have any length, frame rate and rig in which motionmend finds a human body. Observed samples "
+        "come back bit for bit.",
+        "## Data",
+        _bullets({label: budget.get(key, "not told") for key, label in _TOLD.items()}),
+        "Who uses these weights is bound by the licence of the data.",
+        "## Training",
+        _bullets({key: value for key, value in budget.items() if key not in _TOLD}) or "Not told.",
+        "Sizes and options of the network:",
+        _bullets(facts["config"]) or "none",
+        "## Results",
+        _table(validation) if validation else "It was not validated.",
+        "The graph's answers to real windows differ from those of the network in training by at most "
+        f"{1000 * facts['parity']:.2g} mm.",
+        "## Files",
+        "`model.onnx` to run (weights in half precision, arithmetic in single), `model.safetensors` to train on, "
+        "`config.json` with the skeleton, the training and the SHA-256 of each file.",
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
+_USE_FILL = "fixed = completer.complete(take.motion)   # what is unobserved is filled\n"
+_USE_SAMPLES = "ways = completer.sample(take.motion, 5, seed=0)   # five ways to go on from the first frame\n"
+
+
+def _as_list(value: Any) -> list[str]:
+    return [str(each) for each in value] if isinstance(value, list | tuple) else [str(value)]
+
+
+def _bullets(values: Mapping[str, Any]) -> str:
+    return "\n".join(f"- {key}: {_words(value)}" for key, value in values.items())
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_words, value))
+    if isinstance(value, float):
+        return f"{value:g}"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+
+def _table(values: Mapping[str, Any]) -> str:
+    rows = [f"| {metric} | {_words(value)} |" for metric, value in values.items()]
+    return "\n".join(["| validation | value |", "|---|---|", *rows])

@@ -1,0 +1,209 @@
+"""Data sets: one module each, that knows its layout and nothing of corpora.
+
+A module has NAME, LICENCE, CREDIT and `read(source, *, stage)`, which yields a `Raw` for every take in a fixed order,
+and a `Dropped` for every file that could not be one. `takes` is what the readers of loose files share.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import io
+from ..body import BODY, JOINT, floor_height, map_rig, to_body
+from ..corpus import Dropped
+from ..diagnosis import CERTAIN, diagnose
+from ..errors import InputError
+from ..motion import Array, Motion
+from ..progress import Stage
+
+DATASETS = {
+    "cmu": ".cmu:read",
+    "reactidle": ".reactidle:read",
+    "bandai": ".bandai:read",
+    "folder": ".folder:read",
+    "h36m": ".h36m:read",
+    "holden": ".holden:read",
+    "amass": ".amass:read",
+    "lafan1": ".lafan1:read",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Raw:
+    """One take as its data set has it, before its joints are mapped to BODY and its frames resampled.
+
+    name : unique in the data set. file : relative to the source folder. subject, split : "" where unknown.
+    motion : any skeleton, at the true rate. rig : the convention recognised. licence : SPDX, or words.
+    sha256 : of the file (and of its skeleton's, appended). notes : what was done to it.
+    untrusted : `(frames, joints)` bool, samples not to be trusted, besides those that `motion` has unobserved.
+    floor : metres of y at which the ground is; None where that is to be judged by the feet.
+    figure : takes of one figure have bones of one length, and are checked for it; "" for no check.
+    """
+
+    name: str
+    file: str
+    subject: str
+    split: str
+    motion: Motion
+    rig: str
+    licence: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+    untrusted: Array | None = None
+    floor: float | None = None
+    figure: str = ""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file to be read as a take, and what its data set knows of it better than the file does.
+
+    fps, unit : instead of what the file says. skip : first frames that are no motion, and why in `skip_why`.
+    ground : "file" if y = 0 of the file is the ground, "feet" if only the feet tell, "" to see which is the case.
+    """
+
+    path: Path
+    file: str
+    name: str
+    subject: str = ""
+    split: str = ""
+    licence: str = ""
+    fps: float | None = None
+    unit: str | None = None
+    skip: int = 0
+    skip_why: str = ""
+    ground: str = ""
+    figure: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def takes(sources: Iterable[Source], stage: Stage) -> Iterator[Raw | Dropped]:
+    """Read files one after the other, diagnose them, and leave out what is no motion.
+
+    Samples that the diagnosis does not trust are unobserved. A pose at the start that the take leaves at a jump, and a
+    T-pose at the start or the end, are cut off and noted. Files that cannot be read are dropped with the reason.
+    """
+    sources = list(sources)
+    for number, source in enumerate(sources, 1):
+        stage(f"take {number} of {len(sources)}, {source.file}")
+        try:
+            yield _read(source)
+        except InputError as error:
+            yield Dropped(source.file, str(error).replace(f"{source.path.parent}{os.sep}", ""))
+        except OSError as error:
+            yield Dropped(source.file, error.strerror or "it cannot be read")
+
+
+def _read(source: Source) -> Raw:
+    asf = asf_of(source.path) if source.path.suffix.lower() == ".amc" else None
+    take = io.load(source.path, fps=source.fps, unit=source.unit, asf=asf)
+    diagnosis = diagnose(take)
+    notes = list(source.notes)
+    untrusted = diagnosis.untrusted
+    motion = take.distrust(untrusted).motion
+    poses = [f.stop for f in diagnosis.findings if f.cause == "t-pose" and f.start == 0 and f.certainty >= CERTAIN]
+    first, last = max([source.skip, *poses]), len(motion)
+    if first:
+        pose = f"calibration pose cut off: {first} frame{'s' * (first > 1)} at the start"
+        notes.append(source.skip_why if first == source.skip else pose)
+    mapping = map_rig(motion.skeleton, motion.positions)
+    if mapping.is_person:
+        posing = t_pose(to_body(motion, mapping))
+        begin, end = _ends(posing[first:])
+        if begin or end:
+            notes.append(f"T-pose cut off: {begin} frames at the start, {end} at the end")
+        first, last = first + begin, last - end
+    if first >= last:
+        raise InputError("it is a T-pose throughout")
+    motion = replace(motion, positions=motion.positions[first:last], observed=motion.observed[first:last])
+    lost = 1 - motion.observed.mean()
+    if lost:
+        causes = sorted({f.cause for f in diagnosis.findings if f.certainty >= CERTAIN} - {"t-pose", "noise", "swap"})
+        notes.append(f"{100 * lost:.2g} % of its samples untrusted ({', '.join(causes)})")
+    floor = {"file": 0.0, "feet": ground(to_body(motion, mapping))}.get(source.ground)
+    return Raw(
+        source.name, source.file, source.subject, source.split, motion, mapping.rig, source.licence,
+        sha256_of(source.path, *([asf] if asf else [])), tuple(notes), None, floor, source.figure,
+    )  # fmt: skip
+
+
+def _ends(mask: Array) -> tuple[int, int]:
+    """How many entries are True at the start and, unless that is all of them, at the end."""
+    others = np.flatnonzero(~mask)
+    return (int(others[0]), int(len(mask) - 1 - others[-1])) if len(others) else (len(mask), 0)
+
+
+def asf_of(path: Path) -> Path | None:
+    """The skeleton of an AMC file: the only ASF beside it, or the one named as it begins (05.asf for 05_01.amc)."""
+    skeletons = [other for other in sorted(path.parent.iterdir()) if other.suffix.lower() == ".asf"]
+    named = [other for other in skeletons if other.stem in (path.stem, path.stem.split("_")[0])]
+    return named[0] if named else skeletons[0] if len(skeletons) == 1 else None
+
+
+def sha256_of(*paths: Path) -> str:
+    """SHA-256 of the files, one appended to the other."""
+    sha = hashlib.sha256()
+    for path in paths:
+        with path.open("rb") as file:
+            while block := file.read(1 << 20):
+                sha.update(block)
+    return sha.hexdigest()
+
+
+# Poses and the ground -------------------------------------------------------------------------------------
+
+T_POSE = np.radians(12)  # how far arms may be from horizontal and legs from vertical
+# Heights of a standing person's joints over the ground, in lengths of a leg (thigh and shin). Ankle: 0.039 of the
+# stature over 0.491, Drillis & Contini 1966, in Winter 2009, figure 4.1; CMU's takes of train subjects have a median of
+# 0.077 (BVH) and 0.088 (AMC). Ball of the foot: the median of the same, 0.031 and 0.035.
+ANKLE, BALL = 0.08, 0.034
+
+
+def t_pose(body: Motion) -> Array:
+    """`(frames,)` bool: arms straight out to the sides, legs straight down; False where any of them is not observed."""
+    posing = np.ones(len(body), bool)
+    for side in ("left", "right"):
+        for upper, lower, upright in (("upper_arm", "forearm", False), ("forearm", "hand", False),
+                                      ("thigh", "shin", True), ("shin", "foot", True)):  # fmt: skip
+            start, end = JOINT[f"{side}_{upper}"], JOINT[f"{side}_{lower}"]
+            bone = body.positions[:, end] - body.positions[:, start]
+            seen = body.observed[:, start] & body.observed[:, end]
+            bone = np.where(seen[:, None], bone, 1.0)  # neither horizontal nor vertical
+            slope = np.arctan2(-bone[:, 1], np.hypot(bone[:, 0], bone[:, 2]))
+            posing &= slope > np.pi / 2 - T_POSE if upright else np.abs(slope) < T_POSE
+    return posing
+
+
+def leg_length(body: Motion) -> float:
+    """Thigh and shin in metres, the median over frames and the mean of the sides observed; NaN where none is."""
+    lengths = []
+    for side in ("left", "right"):
+        hip, knee, ankle = (JOINT[f"{side}_{part}"] for part in ("thigh", "shin", "foot"))
+        seen = body.observed[:, [hip, knee, ankle]].all(axis=1)
+        if seen.any():
+            points = body.positions[seen].astype(float)
+            thigh, shin = points[:, knee] - points[:, hip], points[:, ankle] - points[:, knee]
+            lengths.append(np.median(np.linalg.norm(thigh, axis=-1) + np.linalg.norm(shin, axis=-1)))
+    return float(np.mean(lengths)) if lengths else float("nan")
+
+
+def ground(body: Motion) -> float:
+    """The height in metres of the ground under a motion of BODY, from how high its feet are when they stand.
+
+    The 5th percentile over frames of the lowest ball of a foot, or of the lowest ankle where there are no toes, less
+    that joint's height in a standing person. Without feet, the lowest joint is on the ground.
+    """
+    leg = leg_length(body)
+    for part, share in (("toe", BALL), ("foot", ANKLE)):
+        joints = [JOINT[f"left_{part}"], JOINT[f"right_{part}"]]
+        if body.observed[:, joints].any() and np.isfinite(leg):
+            only = np.zeros(len(BODY), bool)
+            only[joints] = True
+            return floor_height(replace(body, observed=body.observed & only)) - share * leg
+    return floor_height(body)

@@ -1,0 +1,97 @@
+"""LaFAN1 (Harvey et al. 2020, Ubisoft): 77 BVH takes of five people, 22 joints, centimetres, Y up, 30 fps.
+
+In a folder or still in `lafan1.zip`; files are named theme, take and subject: `walk1_subject5.bvh`. The paper tests
+on subject 5 and trains on the others. Nothing is cut off and nothing is distrusted, so that the protocol sees the
+paper's frames.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .. import io
+from ..body import map_rig
+from ..corpus import Dropped
+from ..errors import InputError
+from ..progress import Stage, silent
+from . import Raw, sha256_of
+
+NAME = "lafan1"
+LICENCE = "CC-BY-NC-ND-4.0"
+CREDIT = "Ubisoft La Forge Animation Dataset (LAFAN1), Harvey, Yurick, Nowrouzezahrai, Pal, SIGGRAPH 2020."
+ARCHIVE = "lafan1.zip"
+FPS = 30.0
+TEST = "subject5"
+JOINTS = (
+    "Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToe", "RightUpLeg", "RightLeg", "RightFoot", "RightToe",
+    "Spine", "Spine1", "Spine2", "Neck", "Head",
+    "LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand", "RightShoulder", "RightArm", "RightForeArm", "RightHand",
+)  # fmt: skip
+LARGEST = 1 << 28  # bytes; the largest real take has some 10 MB
+_NAME = re.compile(r".+_subject\d+\.bvh", re.IGNORECASE)
+
+
+def read(source: Path, *, stage: Stage = silent) -> Iterator[Raw | Dropped]:
+    """The takes by name; subject 5 is the test split, the others are the train split.
+
+    Raises
+    ------
+    InputError : if there is no take named as in LaFAN1, neither in the folder nor in an archive in it.
+    """
+    loose = sorted(path for path in source.rglob("*.bvh") if _NAME.fullmatch(path.name)) if source.is_dir() else []
+    if loose:
+        for path in loose:
+            stage(path.name)
+            yield _take(path, path.relative_to(source).as_posix())
+        return
+    archive = source if source.is_file() else next(iter(sorted(source.rglob(ARCHIVE))), None)
+    if archive is None:
+        raise InputError("no take", where=source, expected=f"{ARCHIVE}, or files such as walk1_subject5.bvh")
+    with _opened(archive) as file, tempfile.TemporaryDirectory() as folder:
+        members = {Path(info.filename).name: info for info in file.infolist()}
+        names = sorted(name for name in members if _NAME.fullmatch(name))
+        if not names:
+            raise InputError("no take in the archive", where=archive, expected="files such as walk1_subject5.bvh")
+        for name in names:
+            stage(name)
+            label, path = f"{archive.name}/{name}", Path(folder) / name
+            if members[name].file_size > LARGEST:
+                yield Dropped(label, f"{members[name].file_size:,} bytes are more than a take has")
+                continue
+            with file.open(members[name]) as packed, path.open("wb") as unpacked:
+                shutil.copyfileobj(packed, unpacked)
+            yield _take(path, label)
+            path.unlink()
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    try:
+        with zipfile.ZipFile(path) as file:
+            yield file
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        hint = "is it cut off, or a Git LFS pointer? A clone needs `git lfs pull`"
+        raise InputError(f"the archive cannot be read ({error})", where=path, hint=hint) from None
+
+
+def _take(path: Path, file: str) -> Raw | Dropped:
+    subject = path.stem.rpartition("_")[2].lower()
+    try:
+        take = io.load(path, unit="cm", up="y")
+        if take.skeleton.names != JOINTS:
+            names = ", ".join(take.skeleton.names[:4])
+            raise InputError(f"{len(take.skeleton)} joints ({names}, …)", expected=f"LaFAN1's {len(JOINTS)}")
+        if abs(take.fps - FPS) > 0.1:
+            raise InputError(f"{take.fps:g} fps", expected="30 fps")
+    except InputError as error:
+        return Dropped(file, str(error).removeprefix(f"{path}: "))
+    split = "test" if subject == TEST else "train"
+    rig = map_rig(take.skeleton).rig
+    return Raw(path.stem, file, subject, split, take.motion, rig, LICENCE, sha256_of(path), take.notes, floor=0.0)

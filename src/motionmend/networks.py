@@ -1,0 +1,338 @@
+"""A network as a Completer: any take of a person in, its windows through the network, the same take whole out.
+
+The network itself is a `Run`, named arrays to an array: an ONNX graph on onnxruntime, which needs no torch, or a torch
+module in training. B = windows, T = frames of a window, J = the network's joints.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import checkpoints, windows
+from .body import BODY, JOINT, Mapping, floor_height, map_rig
+from .checkpoints import Description
+from .errors import InputError
+from .footing import ground
+from .motion import Motion, Skeleton
+from .spaces import SPACES
+
+if TYPE_CHECKING:
+    from .models.network import Network
+
+Array = np.ndarray
+Run = Callable[[dict[str, Array]], Array]
+
+TOKENS = 8_192  # joints × frames given to a network at once: attention's memory grows with their number
+FEET = [joint for name, joint in JOINT.items() if name.endswith(("foot", "toe"))]
+
+
+class Graph:
+    """A Run by onnxruntime. The session starts when it is first needed, with one thread a core."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    @cached_property
+    def session(self):
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 0
+        options.use_deterministic_compute = True
+        options.log_severity_level = 3  # errors
+        return onnxruntime.InferenceSession(str(self.path), options, providers=["CPUExecutionProvider"])
+
+    def __call__(self, inputs: dict[str, Array]) -> Array:
+        wanted = {each.name: inputs[each.name] for each in self.session.get_inputs()}
+        return np.asarray(self.session.run(None, wanted)[0])
+
+
+class Module:
+    """A Run by a torch module on the device where it is, in evaluation mode and without gradients."""
+
+    def __init__(self, module: Network):
+        self.module = module
+
+    def __call__(self, inputs: dict[str, Array]) -> Array:
+        import torch
+
+        device, training = next(self.module.parameters()).device, self.module.training
+        self.module.eval()
+        with torch.inference_mode():
+            tensors = {name: torch.from_numpy(np.ascontiguousarray(each)).to(device) for name, each in inputs.items()}
+            output = self.module(**tensors).float().cpu().numpy()
+        self.module.train(training)
+        return output
+
+
+class NetworkCompleter:
+    """See `motion.Completer`. A take of any length, rate and rig in which `body.map_rig` finds a person.
+
+    Joints that are none of the network's stay as they are. A take with nothing to go by, and one with nothing
+    missing, comes back as it is. `name` and `budget` are what tables say of it.
+    """
+
+    generative = False
+
+    def __init__(self, description: Description, run: Run, *, name: str = "", budget: str = ""):
+        self.description, self.run = description, run
+        self.name, self.budget = name or description.network, budget
+        self.fps, self.frames, self.skeleton = description.fps, description.frames, description.skeleton
+        self.space = SPACES[description.space]()
+
+    # Windows: the network's own joints and rate
+
+    def windows(self, positions: Array, observed: Array) -> Array:
+        """The network's raw answer `(B, T, J, 3)`, metres, at every sample, in batches of bounded memory.
+
+        Parameters
+        ----------
+        positions : `(B, T, J, 3)` metres, Y up, the floor at 0; not read where unobserved.
+        observed : `(B, T, J)` bool.
+
+        Raises
+        ------
+        InputError : if the windows have another number of joints or frames than the network's.
+        """
+        return self._in_batches(positions, observed, {})
+
+    def _in_batches(self, positions: Array, observed: Array, more: dict[str, Array]) -> Array:
+        """`windows`, with `more` inputs that have a row for each window."""
+        self._must_fit(positions.shape)
+        out = np.empty(positions.shape, np.float32)
+        rows = max(1, TOKENS // max(1, positions[0].size // 3)) if len(out) else 1
+        for start in range(0, len(out), rows):
+            part = slice(start, start + rows)
+            inputs, known = self.space.encode(positions[part], observed[part])
+            inputs = {**inputs, **{name: values[part] for name, values in more.items()}}
+            out[part] = self.space.decode(self.run(inputs), known)
+        return out
+
+    def _must_fit(self, shape: tuple[int, ...]) -> None:
+        frames, joints = shape[1:3]
+        if joints != len(self.skeleton):
+            raise InputError(f"{self.name} knows {len(self.skeleton)} joints, the windows have {joints}")
+        if frames != self.frames and not self.description.any_length:
+            raise InputError(f"{self.name} takes windows of {self.frames} frames, not of {frames}")
+
+    # Takes: any joints, rate and length
+
+    def complete(self, motion: Motion, mapping: Mapping | None = None) -> Motion:
+        """The motion with the network's joints filled wherever they are unobserved; observed samples bit for bit.
+
+        Parameters
+        ----------
+        mapping : which joint is which, where the caller knows; `body.map_rig`'s answer otherwise.
+
+        Raises
+        ------
+        InputError : if no person is found in the rig.
+        """
+        if motion.observed.all() or not motion.observed.any():
+            return motion
+        joints = self._joints(motion, mapping)
+        hidden = ~motion.observed[:, joints] & (joints >= 0)
+        if not hidden.any() or not motion.observed[:, joints[joints >= 0]].any():
+            return motion
+        return placed(motion, joints, self._answer(motion, joints, raw=False), hidden)
+
+    def predict(self, motion: Motion, mapping: Mapping | None = None) -> Motion:
+        """The network's raw answer: every sample of its joints is rewritten, the observed ones too.
+
+        Raises InputError as `complete` does.
+        """
+        if not motion.observed.any():
+            return motion
+        joints = self._joints(motion, mapping)
+        if not motion.observed[:, joints[joints >= 0]].any():
+            return motion
+        everywhere = np.ones((len(motion), len(joints)), bool)
+        return placed(motion, joints, self._answer(motion, joints, raw=True), everywhere)
+
+    def _answer(self, motion: Motion, joints: Array, raw: bool) -> Array:
+        """Positions `(frames, J, 3)` at the motion's own times; observed ones are the network's too if `raw`."""
+        ours, shift = self._at_its_rate(motion, joints)
+        length, overlap, batch = self.frames, self.frames // 4, max(1, TOKENS // (self.frames * len(joints)))
+        # Windows are laid by the joints that the rig has: one that it lacks is missing in every frame.
+        there = np.flatnonzero(joints >= 0)
+
+        def of_those_there(positions: Array, observed: Array) -> Array:
+            whole = np.full((*observed.shape[:2], len(joints), 3), np.nan, np.float32)
+            seen = np.zeros(whole.shape[:3], bool)
+            whole[:, :, there], seen[:, :, there] = positions, observed
+            return self.windows(whole, seen)[:, :, there]
+
+        values = ours.positions.copy()
+        values[:, there] = windows.complete(
+            of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch
+        )
+        if raw:
+            first = windows.starts(len(ours), length, overlap)
+            cut = [windows.cut(each, first, length) for each in (ours.positions, ours.observed)]
+            rewritten = windows.stitch(self.windows(*cut), first, len(ours), overlap)
+            values = np.where(ours.observed[..., None], rewritten, values)
+        return self._at_its_own(values, motion, shift)
+
+    def _joints(self, motion: Motion, mapping: Mapping | None) -> Array:
+        """For each of the network's joints the motion's, or -1."""
+        names = self.skeleton.names
+        if motion.skeleton.names == names:
+            return np.arange(len(names))
+        if names == BODY.names:
+            seen = np.where(motion.observed[..., None], motion.positions, np.nan)
+            mapping = mapping or map_rig(motion.skeleton, seen)
+            if not mapping.is_person:
+                hint = "say in a map file which joint is which" if mapping.found else "is it a take of a person?"
+                raise InputError("no human body was found among the joints", hint=hint)
+            return np.array(mapping.joints)
+        index = {name: joint for joint, name in enumerate(motion.skeleton.names)}
+        joints = np.array([index.get(name, -1) for name in names])
+        if (joints < 0).all():
+            raise InputError(f"no joint is named as {self.name} knows them", expected=f"{', '.join(names[:4])}, …")
+        return joints
+
+    def _at_its_rate(self, motion: Motion, joints: Array) -> tuple[Motion, Array]:
+        """The network's joints at its rate with the floor at 0, to the take's end or beyond; and the shift `(3,)`."""
+        observed = motion.observed[:, joints] & (joints >= 0)
+        inside = Motion(motion.positions[:, joints], observed, motion.fps, self.skeleton)
+        shift = np.array([0, _floor(inside), 0], np.float32)
+        inside = replace(inside, positions=inside.positions - shift)
+        try:
+            ours = windows.resample(inside, self.fps)
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        if (len(ours) - 1) * motion.fps < (len(motion) - 1.001) * self.fps:  # the last frame lies between two of ours
+            more = int(np.ceil(motion.fps / self.fps))
+            positions = np.pad(inside.positions, ((0, more), (0, 0), (0, 0)), constant_values=np.nan)
+            inside = replace(inside, positions=positions, observed=np.pad(observed, ((0, more), (0, 0))))
+            ours = windows.resample(inside, self.fps)
+        return ours, shift
+
+    def _at_its_own(self, values: Array, motion: Motion, shift: Array) -> Array:
+        """Positions `(frames, J, 3)` at the network's rate, back at the motion's times and place."""
+        whole = Motion(values, np.ones(values.shape[:2], bool), self.fps, self.skeleton)
+        return windows.resample(whole, motion.fps).positions[: len(motion)] + shift
+
+
+class GenerativeCompleter(NetworkCompleter):
+    """A network with many answers, one for each noise: it goes on from a whole first pose along given paths.
+
+    Where one answer is asked for (`windows`, `complete`, `predict`) it is that for a noise of zeros, the most typical.
+    `complete` and `predict` begin at the first frame in which all the network's joints are observed, and leave what is
+    before as it is.
+    """
+
+    generative = True
+
+    def windows(self, positions: Array, observed: Array) -> Array:
+        """See `NetworkCompleter.windows`; all joints of the first frames must be observed."""
+        return self._in_batches(positions, observed, {"noise": self._noise(None, len(positions))})
+
+    def sample_windows(self, pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
+        """`count` raw answers to each window, `(B, count, T - 1, J, 3)` metres; the same seed gives the same bits.
+
+        Parameters
+        ----------
+        pose : `(B, J, 3)`, the first frames.
+        trajectories : `(B, T - 1, J, 3)`, not read where not `given (B, T - 1, J)`.
+        """
+        positions = np.concatenate([pose[:, None], trajectories], axis=1)
+        observed = np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
+        noise = self._noise(np.random.default_rng(seed), count, len(pose))
+        return np.stack([self._in_batches(positions, observed, {"noise": each})[:, 1:] for each in noise], axis=1)
+
+    def sample(self, motion: Motion, n: int, seed: int, mapping: Mapping | None = None) -> list[Motion]:
+        """`n` ways in which a take may go on from its first frame, along whatever is observed after it.
+
+        Observed samples come back bit for bit in all of them. A take longer than a window goes on from the last pose
+        of the window before. The same seed gives the same bits.
+
+        Raises
+        ------
+        InputError : if no person is found in the rig, or the first frame lacks one of the network's joints.
+        """
+        joints = self._joints(motion, mapping)
+        names = zip(self.skeleton.names, joints)
+        absent = [name for name, joint in names if joint < 0 or not motion.observed[0, joint]]
+        if absent:
+            few = ", ".join(absent[:4]) + (", …" if len(absent) > 4 else "")
+            raise InputError(f"the first frame lacks {few}", expected=f"a whole pose, from which {self.name} goes on")
+        hidden = ~motion.observed[:, joints]
+        ways = self._continuations(motion, joints, n, np.random.default_rng(seed), raw=False)
+        return [placed(motion, joints, values, hidden) for values in ways]
+
+    def _answer(self, motion: Motion, joints: Array, raw: bool) -> Array:
+        values = np.full((len(motion), len(joints), 3), np.nan, np.float32)
+        whole = motion.observed[:, joints].all(axis=1) & (joints >= 0).all()
+        if whole.any():
+            first = int(np.argmax(whole))
+            rest = replace(motion, positions=motion.positions[first:], observed=motion.observed[first:])
+            values[first:] = self._continuations(rest, joints, 1, None, raw)[0]
+        return values
+
+    def _continuations(
+        self, motion: Motion, joints: Array, n: int, rng: np.random.Generator | None, raw: bool
+    ) -> Array:
+        """`(n, frames, J, 3)` at the motion's own times from its first pose, which must be whole."""
+        ours, shift = self._at_its_rate(motion, joints)
+        out = np.tile(ours.positions, (n, 1, 1, 1))
+        for start in range(0, max(1, len(ours) - 1), self.frames - 1):
+            part = slice(start, start + self.frames)
+            short = self.frames - len(ours.positions[part])
+            positions = np.pad(out[:, part], ((0, 0), (0, short), (0, 0), (0, 0)))
+            observed = np.tile(np.pad(ours.observed[part], ((0, short), (0, 0))), (n, 1, 1))
+            observed[:, 0] = True  # the pose that the window before ended with
+            answer = self._in_batches(positions, observed, {"noise": self._noise(rng, n)})
+            values = answer if raw else np.where(observed[..., None], positions, answer)
+            out[:, part] = values[:, : self.frames - short]
+        return np.stack([self._at_its_own(each, motion, shift) for each in out])
+
+    def _noise(self, rng: np.random.Generator | None, *shape: int) -> Array:
+        """Standard normal `(*shape, noise_size)`; zeros without `rng`."""
+        size = (*shape, self.description.noise_size)
+        return np.zeros(size, np.float32) if rng is None else rng.standard_normal(size, dtype=np.float32)
+
+
+def completer(description: Description, run: Run, *, name: str = "", budget: str = "") -> NetworkCompleter:
+    """The Completer that fits a network: a GenerativeCompleter for a generative one."""
+    kind = GenerativeCompleter if description.generative else NetworkCompleter
+    return kind(description, run, name=name, budget=budget)
+
+
+def module_completer(network: Network, skeleton: Skeleton = BODY) -> NetworkCompleter:
+    """The Completer of a torch network: as its weights are when it is asked, for validation during training."""
+    return completer(Description.of(network, skeleton), Module(network))
+
+
+def load_completer(name_or_path: str | os.PathLike) -> NetworkCompleter:
+    """The installed network of this name, or that of a checkpoint's folder, ready for takes. Needs no torch.
+
+    Raises
+    ------
+    InputError : if there is none, or its files are damaged.
+    """
+    found = checkpoints.load(name_or_path)
+    return completer(found.description, Graph(found.path / checkpoints.GRAPH), name=found.name, budget=found.summary)
+
+
+def placed(motion: Motion, joints: Array, values: Array, where: Array) -> Motion:
+    """The motion with `values (frames, J, 3)` of its `joints`, where `where (frames, J)` and they are numbers."""
+    positions, observed = motion.positions.copy(), motion.observed.copy()
+    frames, ours = np.nonzero(where & (joints >= 0) & np.isfinite(values).all(axis=-1))
+    positions[frames, joints[ours]] = values[frames, ours]
+    observed[frames, joints[ours]] = True
+    return replace(motion, positions=positions, observed=observed)
+
+
+def _floor(motion: Motion) -> float:
+    """The height that corpora have as 0. The file's own 0 without feet: the lowest joint may be the hips."""
+    if motion.skeleton.names != BODY.names:
+        return floor_height(motion)
+    return ground(motion) if motion.observed[:, FEET].any() else 0.0

@@ -1,0 +1,131 @@
+"""Which samples a step trains on, and having them ready before it begins."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..corpus import Corpus
+from ..errors import InputError
+from ..models.network import Network
+
+Array = np.ndarray
+
+
+class Batches:
+    """Training batches as a pure function of seed and step.
+
+    A batch is cut into gcd(batch, 64) blocks. Each block draws its windows and their corruption from its own
+    generator, seeded by (seed, step, block), so N processes that share the blocks see exactly the samples
+    that one process would see, and a resumed run those that it had not come to.
+    """
+
+    def __init__(self, network: Network, corpora: Sequence[Corpus], *, batch: int, stride: int, seed: int):
+        """Windows of the corpora's split "train".
+
+        InputError where a corpus has no such windows, or has another rate or other joints than it should.
+        """
+        self.network, self.corpora, self.seed = network, corpora, seed
+        self.blocks = math.gcd(batch, 64)
+        self.rows = batch // self.blocks
+        for corpus in corpora:
+            if corpus.fps != network.fps:
+                hint = f"build it with --fps {network.fps:g}"
+                expected = f"{network.fps:g}, the network's"
+                raise InputError(f"{corpus.fps:g} frames a second", where=corpus.path, expected=expected, hint=hint)
+            if corpus.skeleton != corpora[0].skeleton:
+                raise InputError(f"other joints than in {corpora[0].path}", where=corpus.path)
+        self.starts = [corpus.starts("train", network.frames, stride, pad=True) for corpus in corpora]
+        for corpus, starts in zip(corpora, self.starts):
+            if not len(starts):
+                raise InputError('no clip is in the split "train"', where=corpus.path)
+        hours = np.array([sum(clip.frames for clip in corpus.in_split("train")) for corpus in corpora], float)
+        self.shares = hours / hours.sum()
+
+    def make(self, step: int, first: int = 0, last: int | None = None) -> dict[str, Array]:
+        """Blocks `[first, last)` of a step's batch, one after the other: named arrays of rows."""
+        last = self.blocks if last is None else last
+        chances = [np.random.default_rng([self.seed, step, block]) for block in range(first, last)]
+        uniform = np.concatenate([rng.random((2, self.rows)) for rng in chances], axis=1)
+        positions, observed = self.windows(*self.choose(uniform))
+        made = []
+        for number, rng in enumerate(chances):
+            rows = slice(number * self.rows, (number + 1) * self.rows)
+            made.append(self.network.batch(positions[rows], observed[rows], rng))
+        return {name: np.concatenate([block[name] for block in made]) for name in made[0]}
+
+    def choose(self, uniform: Array) -> tuple[Array, Array]:
+        """From chance `(2, W)`, uniform in [0, 1): which corpus, in proportion to its hours, and which first frame."""
+        corpus = np.searchsorted(np.cumsum(self.shares)[:-1], uniform[0], side="right")
+        starts = np.empty(len(corpus), np.int64)
+        for number, known in enumerate(self.starts):
+            mine = corpus == number
+            starts[mine] = known[np.minimum((uniform[1, mine] * len(known)).astype(int), len(known) - 1)]
+        return corpus, starts
+
+    def windows(self, corpus: Array, starts: Array) -> tuple[Array, Array]:
+        """Positions `(W, T, J, 3)` and observed `(W, T, J)` of windows from several corpora."""
+        shape = len(corpus), self.network.frames, len(self.corpora[0].skeleton)
+        positions, observed = np.empty((*shape, 3), np.float32), np.empty(shape, bool)
+        for number in np.unique(corpus):
+            mine = corpus == number
+            positions[mine], observed[mine] = self.corpora[number].windows(starts[mine], self.network.frames)
+        return positions, observed
+
+
+def share(blocks: int, rank: int, processes: int) -> tuple[int, int]:
+    """The blocks `[first, last)` of one of several processes. InputError if they cannot share equally."""
+    if blocks % processes:
+        hint = f"choose a batch that is a multiple of {processes}"
+        raise InputError(f"{blocks} blocks of samples for {processes} processes", hint=hint)
+    return rank * blocks // processes, (rank + 1) * blocks // processes
+
+
+class Ahead:
+    """What `make(step)` gives for steps `[first, last)`, made in a thread a few steps before it is asked for.
+
+    waited : seconds that the asker has spent waiting so far.
+    """
+
+    def __init__(self, make: Callable[[int], Any], first: int, last: int, depth: int = 4):
+        self.waited = 0.0
+        self._queue: queue.Queue = queue.Queue(depth)
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._work, args=(make, first, last), daemon=True)
+        self._thread.start()
+
+    def _work(self, make: Callable[[int], Any], first: int, last: int) -> None:
+        for step in range(first, last):
+            try:
+                item = make(step), None
+            except BaseException as error:  # whatever it is, it is the asker's to raise
+                item = None, error
+            while not self._closed.is_set():
+                try:
+                    self._queue.put(item, timeout=0.1)
+                    break
+                except queue.Full:
+                    continue
+            if self._closed.is_set() or item[1] is not None:
+                return
+
+    def next(self) -> Any:
+        began = time.perf_counter()
+        made, error = self._queue.get()
+        self.waited += time.perf_counter() - began
+        if error is not None:
+            raise error
+        return made
+
+    def __enter__(self) -> Ahead:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        self._thread.join()

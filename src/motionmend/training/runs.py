@@ -1,0 +1,105 @@
+"""A run's folder and machine: begun or gone on with, the same in every process, stopped by a signal."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from accelerate import Accelerator
+from accelerate.utils import broadcast_object_list
+
+from ..corpus import Corpus
+from ..errors import InputError
+from ..models import network_class
+from . import config, state
+from .config import Settings
+
+
+def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus], device: torch.device) -> Settings:
+    """Make the run's folder, or check that it can be gone on with; returns the settings as they are saved there."""
+    path, last = folder / "config.toml", folder / "last.safetensors"
+    if path.is_file() and resume:
+        kind = network_class(settings.name)
+        old = config.settle(settings.name, kind, config.read(path, settings.name))
+        settings = config.resolved(settings, old.precision)
+        metadata = state.load(last)[1] if last.is_file() else {}
+        differ = config.changes(old, settings, int(metadata.get("done", 0)))
+        if metadata and (was := json.loads(metadata["data"])) != (now := data_of(corpora)):
+            differ.append(f"the data is {', '.join(now)} and was {', '.join(was)}, or has another hash")
+        if differ:
+            hint = "leave these options out, or start a new run in another folder"
+            raise InputError("this run was begun otherwise: " + "; ".join(differ), where=folder, hint=hint)
+    elif folder.exists() and (not folder.is_dir() or any(each.suffix != ".part" for each in folder.iterdir())):
+        hint = "go on with it by --resume, or choose another folder" if path.is_file() else "choose another"
+        raise InputError("a run is there already" if path.is_file() else "this is not a run", where=folder, hint=hint)
+    else:
+        settings = config.resolved(settings, "bf16" if bf16_pays(device) else "fp32")
+        folder.mkdir(parents=True, exist_ok=True)
+    aside = folder / ".config.toml.part"
+    aside.write_text(config.write(settings), encoding="utf-8")
+    aside.replace(path)
+    return settings
+
+
+def together(accelerator: Accelerator, work: Callable[[], Settings]) -> Settings:
+    """What `work` returns or raises in the main process, in all of them."""
+    outcome: list[Any] = [None]
+    if accelerator.is_main_process:
+        try:
+            outcome = [work()]
+        except (InputError, OSError) as error:
+            outcome = [error]
+    if accelerator.num_processes > 1:
+        broadcast_object_list(outcome)
+    if isinstance(outcome[0], Exception):
+        raise outcome[0]
+    return outcome[0]
+
+
+def data_of(corpora: list[Corpus]) -> list[str]:
+    return [f"{corpus.name} {corpus.sha256}" for corpus in corpora]
+
+
+def bf16_pays(device: torch.device) -> bool:
+    """Whether the machine multiplies bf16 matrices in hardware; emulated, they are slower than fp32."""
+    if device.type == "cuda":
+        return torch.cuda.get_device_capability(device) >= (8, 0)
+    return bool(getattr(torch.cpu, "get_capabilities", dict)().get("amx_bf16", False))
+
+
+def machine(device: torch.device) -> str:
+    if device.type == "cuda":
+        return torch.cuda.get_device_name(device)
+    from ..benchmark.provenance import machine
+
+    return machine()
+
+
+@contextlib.contextmanager
+def signals() -> Iterator[list[int]]:
+    """A list that gets the signal when the user or the machine asks to stop; a second one stops at once."""
+    heard: list[int] = []
+    before: dict[int, Any] = {}
+
+    def hear(signum: int, _: object) -> None:
+        heard.append(signum)
+        print("motionmend: stopping after this step", file=sys.stderr, flush=True)
+        restore()
+
+    def restore() -> None:
+        for signum, handler in before.items():
+            signal.signal(signum, handler)
+
+    with contextlib.suppress(ValueError):  # not in the main thread: whoever runs us there stops us
+        for signum in (signal.SIGINT, signal.SIGTERM):
+            before[signum] = signal.signal(signum, hear)
+    try:
+        yield heard
+    finally:
+        restore()

@@ -1,0 +1,97 @@
+"""A network as a Completer, on one whose answer is known: the straight line through what is observed."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motionmend import checkpoints, networks
+from motionmend.body import BODY, JOINT
+from motionmend.motion import Motion, Skeleton
+from walks import hidden, spy, walk
+
+
+def straight(inputs):
+    out = inputs["positions"].copy()
+    frames = np.arange(out.shape[1])
+    for window, seen in zip(out, inputs["observed"]):
+        for joint in np.flatnonzero(seen.any(axis=0)):
+            known = seen[:, joint]
+            for axis in range(3):
+                window[:, joint, axis] = np.interp(frames, frames[known], window[known, joint, axis])
+    return out
+
+
+def line_completer(fps=60.0, frames=60):
+    return networks.completer(checkpoints.Description("line", "floor_mean", fps, frames, BODY), straight)
+
+
+def gliding(seconds: float, fps: float) -> Motion:
+    """A body in one pose that moves along a straight line: 0.5 m/s sideways, 0.1 m/s up."""
+    pose = walk(30.0).positions[0]
+    times = (np.arange(round(seconds * fps)) / fps).astype(np.float32)
+    positions = pose + times[:, None, None] * np.array([0.5, 0.1, 0], np.float32)
+    return Motion(positions, np.ones(positions.shape[:2], bool), fps, BODY)
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 50.0, 59.94, 60.0, 100.0, 120.0, 240.0])
+def test_filled_samples_belong_to_the_takes_own_times(fps):
+    truth = gliding(4, fps)
+    observed = truth.observed.copy()
+    observed[round(1.1 * fps) : round(1.5 * fps)] = False
+    observed[round(2.5 * fps) : round(2.9 * fps), 5:9] = False
+    filled = line_completer().complete(hidden(truth, observed))
+    assert filled.observed.all()
+    np.testing.assert_allclose(filled.positions, truth.positions, atol=2e-4)
+
+
+@pytest.mark.parametrize("frames", range(1, 12))
+def test_the_last_frames_of_a_fast_take_are_filled_too(frames):
+    truth = gliding(1, 240.0)
+    truth = replace(truth, positions=truth.positions[:frames], observed=truth.observed[:frames])
+    observed = truth.observed.copy()
+    observed[-1, 4] = False
+    filled = line_completer().complete(hidden(truth, observed))
+    assert filled.observed.all() == (frames > 1) or filled.observed[:, 4].all()
+    assert np.isfinite(filled.positions[filled.observed]).all()
+
+
+def test_toes_that_a_rig_lacks_cost_no_windows_and_change_nothing():
+    truth = gliding(20, 60.0)
+    toes = [JOINT["left_toe"], JOINT["right_toe"]]
+    kept = [joint for joint in range(len(BODY)) if joint not in toes]
+    parents = tuple(-1 if parent < 0 else kept.index(parent) for parent in np.array(BODY.parents)[kept])
+    skeleton = Skeleton(tuple(BODY.names[joint] for joint in kept), parents)
+    observed = np.ones((len(truth), len(kept)), bool)
+    observed[600:620] = False
+    ran = []
+    completer = networks.completer(line_completer().description, lambda inputs: spy(straight, inputs, ran))
+    filled = completer.complete(hidden(Motion(truth.positions[:, kept], observed, 60.0, skeleton), observed))
+    assert filled.observed.all() and sum(ran) <= 3
+    np.testing.assert_allclose(filled.positions, truth.positions[:, kept], atol=2e-4)
+
+
+def test_predict_rewrites_what_is_observed_too():
+    truth = gliding(3, 60.0)
+    description = line_completer().description
+    shifted = networks.completer(description, lambda inputs: straight(inputs) + np.float32(0.01))
+    raw = shifted.predict(truth)
+    np.testing.assert_allclose(raw.positions, truth.positions + 0.01, atol=1e-5)
+
+
+def test_a_long_take_needs_little_memory():
+    truth = gliding(600, 60.0)
+    observed = truth.observed.copy()
+    observed[100:130] = False
+    observed[20_000:20_040, 3:6] = False
+    motion = hidden(truth, observed)
+    tracemalloc.start()
+    filled = line_completer().complete(motion)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert filled.observed.all()
+    np.testing.assert_allclose(filled.positions[~observed], truth.positions[~observed], atol=1e-3)
+    assert peak < 12 * motion.positions.nbytes

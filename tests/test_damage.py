@@ -1,0 +1,308 @@
+"""Damage for training and benchmarks: exact counts, distributions within bounds that chance does not cross, seeds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motionmend import damage
+from motionmend.errors import InputError
+from motionmend.rotations import apply, from_rotvec, inverse, multiply, to_rotvec
+
+SETTINGS = settings(max_examples=60, derandomize=True, deadline=None)
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def within(count: float, trials: int, share: float) -> bool:
+    """Whether a binomial count is one that happens: 5 standard deviations."""
+    return abs(count - trials * share) <= 5 * np.sqrt(trials * share * (1 - share))
+
+
+# ── tokens ──────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def test_tokens_have_xmaes_counts():
+    masked, displaced = damage.token_masks((128, 60, 21), rng())
+    assert masked.shape == displaced.shape == (128, 60, 21)
+    assert (masked.sum((1, 2)) == 1071).all()  # 0.85 * 1260
+    assert (displaced.sum((1, 2)) == 63).all()  # 0.05 * 1260
+    assert not (masked & displaced).any()
+
+
+def test_tokens_are_uniform_over_time_and_joints():
+    windows = 20_000
+    masked, displaced = damage.token_masks((windows, 4, 5), rng(), masked=0.6, displaced=0.2)
+    for mask, share in ((masked, 0.6), (displaced, 0.2)):
+        for count in mask.sum(0).ravel():
+            assert within(count, windows, share)
+    # Two tokens are masked together as often as drawing without putting back makes it: 12/20 * 11/19.
+    both = (masked[:, 0, 0] & masked[:, 2, 3]).sum()
+    assert within(both, windows, 12 / 20 * 11 / 19)
+
+
+def test_every_set_of_displaced_tokens_is_as_likely():
+    # 2 masked and 1 displaced of 4 tokens: 12 outcomes.
+    windows = 24_000
+    masked, displaced = damage.token_masks((windows, 2, 2), rng(1), masked=0.5, displaced=0.25)
+    codes = (masked.reshape(windows, 4) + 2 * displaced.reshape(windows, 4)) @ (3 ** np.arange(4))
+    outcomes, counts = np.unique(codes, return_counts=True)
+    assert len(outcomes) == 12
+    assert all(within(count, windows, 1 / 12) for count in counts)
+
+
+def slow_counts(unobserved: int, tokens: int, masked: float, displaced: float) -> tuple[int, int]:
+    """Token by token: the unobserved ones first use up the masked places, then the displaced ones."""
+    hidden = moved = 0
+    to_hide, to_move = round(masked * tokens), round(displaced * tokens)
+    for token in range(tokens):
+        if token < unobserved or token < to_hide:
+            hidden += 1
+        elif token < to_hide + to_move:
+            moved += 1
+    return hidden, moved
+
+
+@SETTINGS
+@given(
+    st.integers(1, 5), st.integers(1, 12), st.integers(1, 8), st.integers(0, 20), st.integers(0, 20),
+    st.floats(0, 1), st.integers(0, 2**32 - 1),
+)  # fmt: skip
+def test_counts_are_exact_whatever_is_missing(windows, frames, joints, masked, displaced, missing, seed):
+    masked, displaced = masked / 40, displaced / 40
+    observed = rng(seed).random((windows, frames, joints)) >= missing
+    hidden, moved = damage.token_masks(
+        observed.shape, rng(seed), masked=masked, displaced=displaced, observed=observed
+    )
+    assert not (hidden & moved).any()
+    assert hidden[~observed].all()
+    for window in range(windows):
+        unobserved = int((~observed[window]).sum())
+        want = slow_counts(unobserved, frames * joints, masked, displaced)
+        assert (hidden[window].sum(), moved[window].sum()) == want
+
+
+def test_missing_tokens_leave_the_clean_share_alone():
+    observed = np.ones((64, 60, 21), bool)
+    observed[:, :, 3] = False
+    masked, displaced = damage.token_masks(observed.shape, rng(), observed=observed)
+    clean = ~masked & ~displaced
+    assert (clean.sum((1, 2)) == 126).all()
+    assert not clean[:, :, 3].any()
+    # Those that are observed share the rest evenly.
+    assert within(clean[:, :, 0].sum(), 64 * 60, 126 / 1200)
+
+
+@pytest.mark.parametrize("shares", [(0.9, 0.2), (-0.1, 0.5), (0.5, -0.1)])
+def test_impossible_shares_are_refused(shares):
+    with pytest.raises(InputError, match="shares of"):
+        damage.token_masks((2, 3, 4), rng(), masked=shares[0], displaced=shares[1])
+
+
+@pytest.mark.parametrize("shares", [(0, 0), (1, 0), (0, 1), (0.5, 0.5)])
+def test_shares_at_the_ends(shares):
+    masked, displaced = damage.token_masks((3, 4, 5), rng(), masked=shares[0], displaced=shares[1])
+    assert (masked.sum((1, 2)) == 20 * shares[0]).all() and (displaced.sum((1, 2)) == 20 * shares[1]).all()
+
+
+# ── offsets ─────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def test_ball_is_uniform():
+    points = damage.ball((40_000,), 2.0, rng())
+    assert points.dtype == np.float32
+    lengths = np.linalg.norm(points, axis=-1)
+    assert lengths.max() <= 2 + 1e-5
+    assert within((lengths < 1).sum(), 40_000, 1 / 8)  # the share of the volume
+    assert within((lengths < 1.6).sum(), 40_000, 0.8**3)
+    # Any half and any cap: a cap of height h on the unit sphere has the share h / 2 of its surface.
+    assert within((points[:, 0] > 0).sum(), 40_000, 0.5)
+    assert within((points[:, 1] > 0.8 * lengths).sum(), 40_000, 0.1)
+
+
+def test_constant_offsets_are_half_a_metre_to_one():
+    offsets = damage.constant_offsets(20_000, rng())
+    assert offsets.shape == (20_000, 1, 1, 3) and offsets.dtype == np.float32
+    lengths = np.linalg.norm(offsets, axis=-1).ravel()
+    assert lengths.min() >= 0.5 - 1e-6 and lengths.max() <= 1 + 1e-6
+    for bound in (0.6, 0.75, 0.9):  # uniform in length, not in volume
+        assert within((lengths < bound).sum(), 20_000, (bound - 0.5) / 0.5)
+    assert within((offsets[..., 2].ravel() < -0.8 * lengths).sum(), 20_000, 0.1)
+
+
+def test_displace_moves_what_the_mask_says_and_nothing_else():
+    positions = rng(1).normal(size=(3, 5, 4, 3)).astype(np.float32)
+    kept = positions.copy()
+    mask = rng(2).random((3, 5, 4)) < 0.4
+    few = damage.ball((int(mask.sum()),), 1.0, rng(3))
+    moved, next_offset = damage.displace(positions, mask, few), iter(few)
+    constant = damage.constant_offsets(3, rng(4))
+    shifted = damage.displace(positions, mask, constant)
+    assert moved.dtype == shifted.dtype == np.float32
+    for place in np.ndindex(mask.shape):
+        if mask[place]:
+            np.testing.assert_array_equal(moved[place], kept[place] + next(next_offset))
+            np.testing.assert_array_equal(shifted[place], kept[place] + constant[place[0], 0, 0])
+        else:
+            np.testing.assert_array_equal(moved[place], kept[place])
+            np.testing.assert_array_equal(shifted[place], kept[place])
+    np.testing.assert_array_equal(positions, kept)
+
+
+# ── ConvAE's curriculum ─────────────────────────────────────────────────────────────────────────────────────────
+
+
+def test_curriculum_grows_as_the_paper_says():
+    means = [damage.curriculum_mean(epoch) for epoch in range(200)]
+    assert set(means[:14]) == {10} and means[14:19] == [20] * 5 and means[19] == 30
+    assert means[63] == 110 and set(means[64:]) == {120}
+    lost = [damage.curriculum_lost(epoch, 200) for epoch in range(200)]
+    assert lost[0] == 1 and lost[66] == 1 and lost[67] == 2 and lost[133] == 2 and lost[134] == lost[199] == 3
+
+
+def ends(gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First frame and length of each row's single gap; the test fails where there are two."""
+    edges = np.diff(np.pad(gaps, ((0, 0), (1, 1))).astype(int), axis=1)
+    assert ((edges == 1).sum(1) <= 1).all()
+    return edges.argmax(1), gaps.sum(1)
+
+
+def test_gaps_have_the_lengths_of_the_normal_and_lie_anywhere():
+    gaps = damage.curriculum_gaps(20_000, 240, 120, rng())
+    starts, lengths = ends(gaps)
+    assert abs(lengths.mean() - 120) < 5 * 20 / np.sqrt(20_000)
+    assert abs(lengths.std() - 20) < 0.6
+    one = lengths == 120
+    assert set(np.unique(starts[one])) <= set(range(121)) and len(np.unique(starts[one])) > 90
+    early = (starts[one] < 61).sum()
+    assert within(early, one.sum(), 61 / 121)
+
+
+def test_gaps_stay_in_the_window():
+    short = damage.curriculum_gaps(20_000, 240, 10, rng())
+    none = (ends(short)[1] == 0).sum()
+    assert within(none, 20_000, 0.3173)  # the normal's share below 0.5, that is 0.475 sigma under the mean: 0.3174
+    assert damage.curriculum_gaps(50, 30, 120, rng()).sum(1).max() == 30
+    assert damage.curriculum_gaps(50, 30, 120, rng(), sigma=0).all()
+
+
+def test_fixed_gaps():
+    starts, lengths = ends(damage.curriculum_gaps(18_100, 240, 60, rng(), sigma=0))
+    assert (lengths == 60).all()
+    counts = np.bincount(starts, minlength=181)
+    assert len(counts) == 181 and all(within(count, 18_100, 1 / 181) for count in counts)
+
+
+def test_lost_joints():
+    lost = damage.lost_joints(20_000, 22, 3, rng())
+    assert (lost.sum(1) == 3).all() and not lost[:, 0].any()
+    assert all(within(count, 20_000, 3 / 21) for count in lost[:, 1:].sum(0))
+    kept = damage.lost_joints(100, 5, 9, rng(), never=(1, 4))
+    assert (kept == [True, False, True, True, False]).all()
+
+
+def test_convae_damage_is_one_or_the_other():
+    hidden = damage.convae_damage((4000, 240, 22), 199, 200, rng())
+    throughout = hidden.all(1) & ~hidden.all((1, 2))[:, None]
+    loses = throughout.any(1)
+    assert within(loses.sum(), 4000, 0.3)
+    assert (throughout[loses].sum(1) == 3).all() and not throughout[loses, 0].any()
+    gaps = hidden[~loses]
+    assert (gaps == gaps[:, :, :1]).all()
+    assert abs(ends(gaps[:, :, 0])[1].mean() - 120) < 5 * 20 / np.sqrt(2500)
+
+
+# ── the rest ────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def test_constant_joints():
+    kept = damage.constant_joints(20_000, 17, rng())
+    assert kept.shape == (20_000, 17) and kept.dtype == bool
+    assert all(within(count, 20_000, 0.15) for count in kept.sum(0))
+    assert within((~kept.any(1)).sum(), 20_000, 0.85**17)
+
+
+@SETTINGS
+@given(st.integers(1, 300), st.integers(0, 320))
+def test_centred_gaps(frames, length):
+    gap = damage.centred_gap(frames, length)
+    start, stop = damage.centred_span(frames, length)
+    assert np.flatnonzero(gap).tolist() == list(range(start, stop))
+    assert gap.sum() == min(length, frames)
+    if gap.any():
+        before, after = gap.argmax(), gap[::-1].argmax()
+        assert 0 <= after - before <= 1
+
+
+def test_the_papers_gaps():
+    assert damage.centred_span(240, 60) == (90, 150)
+    assert damage.centred_span(60, 6) == (27, 33)
+    assert damage.centred_span(60, 54) == (3, 57)
+
+
+def test_limbs():
+    mask = damage.limb_mask(10, 6, (1, 4), (3, 7))
+    assert {(int(t), int(j)) for t, j in np.argwhere(mask)} == {(t, j) for t in range(3, 7) for j in (1, 4)}
+
+
+def test_dropouts():
+    mask = damage.dropouts((500, 20, 5), 0.3, rng())
+    assert within(mask.sum(), mask.size, 0.3)
+    assert within((mask[1:] & mask[:-1]).sum(), mask[1:].size, 0.09)
+    assert not damage.dropouts((50, 4), 0.0, rng()).any() and damage.dropouts((50, 4), 1.0, rng()).all()
+
+
+def test_position_noise():
+    positions = rng(5).normal(size=(50, 60, 7, 3)).astype(np.float32)
+    noise = damage.position_noise(positions, 0.0625, rng()) - positions
+    assert noise.dtype == np.float32
+    scale = noise.reshape(-1, 3).std(0) / 0.0625
+    assert np.abs(scale - 1).max() < 5 / np.sqrt(2 * 21_000)
+    assert np.abs(np.corrcoef(noise.reshape(-1, 3).T)[np.triu_indices(3, 1)]).max() < 5 / np.sqrt(21_000)
+    np.testing.assert_array_equal(damage.position_noise(positions, 0.0, rng()), positions)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_rotation_noise_composes_turns_of_the_size_asked_for(dtype):
+    clean = from_rotvec(rng(6).normal(size=(200, 100, 3))).astype(dtype)
+    noisy = damage.rotation_noise(clean, 0.1, rng())
+    assert noisy.dtype == dtype
+    assert np.abs(np.linalg.norm(noisy, axis=-1) - 1).max() < 1e-6
+    turns = to_rotvec(multiply(inverse(clean), noisy)).reshape(-1, 3)
+    assert np.abs(turns.std(0) / 0.1 - 1).max() < 5 / np.sqrt(2 * 20_000)
+    assert np.abs(turns.mean(0)).max() < 5 * 0.1 / np.sqrt(20_000)
+
+
+def test_rotation_noise_added_to_the_vectors():
+    vectors = rng(7).uniform(-1, 1, (300, 50, 3))
+    noisy = damage.rotation_noise(from_rotvec(vectors), 0.05, rng(), added=True)
+    difference = (to_rotvec(noisy) - vectors).reshape(-1, 3)
+    assert np.abs(difference.std(0) / 0.05 - 1).max() < 5 / np.sqrt(2 * 15_000)
+    from scipy.spatial.transform import Rotation
+
+    want = Rotation.from_rotvec(vectors.reshape(-1, 3) + difference).apply([0.2, 1.0, -0.3])
+    np.testing.assert_allclose(apply(noisy.reshape(-1, 4), np.array([0.2, 1.0, -0.3])), want, atol=1e-9)
+
+
+DRAWS = {
+    "tokens": lambda rng: np.stack(damage.token_masks((4, 10, 5), rng)),
+    "ball": lambda rng: damage.ball((4, 10), 1.0, rng),
+    "offsets": lambda rng: damage.constant_offsets(4, rng),
+    "gaps": lambda rng: damage.curriculum_gaps(8, 240, 60, rng),
+    "lost": lambda rng: damage.lost_joints(20, 22, 2, rng),
+    "convae": lambda rng: damage.convae_damage((8, 240, 22), 50, 200, rng),
+    "joints": lambda rng: damage.constant_joints(8, 17, rng),
+    "dropouts": lambda rng: damage.dropouts((10, 7), 0.3, rng),
+    "positions": lambda rng: damage.position_noise(np.zeros((4, 5, 3), np.float32), 0.1, rng),
+    "rotations": lambda rng: damage.rotation_noise(np.tile([0.0, 0, 0, 1], (4, 5, 1)), 0.1, rng),
+}
+
+
+@pytest.mark.parametrize("draw", DRAWS.values(), ids=DRAWS)
+def test_the_seed_decides(draw):
+    np.testing.assert_array_equal(draw(rng(3)), draw(rng(3)))
+    assert not np.array_equal(draw(rng(3)), draw(rng(4)))

@@ -1,0 +1,362 @@
+"""What every network must keep, whichever it is: registered ones join by their line in `models.NETWORKS` alone.
+
+A network may name small configurations for this suite in `TRIALS`: name → fields of its Config.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("onnx")
+
+import onnx
+import torch
+
+import motionmend as mm
+from motionmend import checkpoints, networks, windows
+from motionmend.body import BODY, JOINT, map_rig
+from motionmend.errors import InputError
+from motionmend.export import export, halved
+from motionmend.models import NETWORKS, network_class
+from motionmend.motion import Motion, Skeleton
+from motionmend.networks import NetworkCompleter, load_completer, module_completer
+from tiny import Tiny, TinyDream
+from walks import WALK, hidden, spy, walk
+
+KINDS = [Tiny, TinyDream, *map(network_class, NETWORKS)]
+TRIALS = [(kind, name, fields) for kind in KINDS for name, fields in kind.TRIALS.items()]
+
+
+class Trial:
+    def __init__(self, kind, fields, folder: Path):
+        self.kind, self.folder = kind, folder
+        torch.manual_seed(0)
+        self.network = halved(kind(kind.Config(**fields), len(BODY)))
+        self.take = walk(kind.fps)
+
+    @cached_property
+    def completer(self) -> NetworkCompleter:
+        positions, observed = self.windows(4)
+        export(self.network, self.folder, skeleton=BODY, windows=(positions, observed))
+        return load_completer(self.folder)
+
+    def windows(self, count: int, seed: int = 0):
+        """Real windows, each with another kind of damage: a gap of all joints, a limb, drop-outs, none."""
+        rng = np.random.default_rng(seed)
+        frames = self.kind.frames
+        starts = np.linspace(0, len(self.take) - frames, count).astype(int)
+        positions = windows.cut(self.take.positions, starts, frames).copy()
+        observed = np.ones(positions.shape[:3], bool)
+        for row in range(count):
+            match row % 4:
+                case 0:
+                    observed[row, frames // 3 : 2 * frames // 3] = False
+                case 1:
+                    observed[row, :, [JOINT["left_forearm"], JOINT["left_hand"]]] = False
+                case 2:
+                    observed[row] = rng.random((frames, len(BODY))) > 0.5
+        if self.kind.generative:
+            observed[:, 0] = True
+        positions[~observed] = np.nan
+        return positions, observed
+
+    def damaged(self, frames: int, fps: float | None = None) -> Motion:
+        """A take of this many frames with gaps, a limb that is lost throughout, and drop-outs."""
+        whole = windows.resample(walk(60.0), fps or self.kind.fps)
+        whole = replace(whole, positions=windows.cut(whole.positions, np.array([0]), frames)[0],
+                        observed=np.ones((frames, len(BODY)), bool))  # fmt: skip
+        observed = np.random.default_rng(frames).random((frames, len(BODY))) > 0.1
+        observed[frames // 4 : frames // 3] = False
+        observed[-(frames // 5) :, JOINT["right_foot"]] = False
+        observed[:, [JOINT["left_hand"]]] = False
+        observed[:, JOINT["hips"]] |= ~observed.any(axis=1) & (np.arange(frames) == 0)
+        if self.kind.generative:
+            observed[0] = True
+        return hidden(whole, observed)
+
+
+@pytest.fixture(scope="session", params=TRIALS, ids=[f"{kind.name}-{name}".rstrip("-") for kind, name, _ in TRIALS])
+def trial(request, tmp_path_factory) -> Trial:
+    kind, _, fields = request.param
+    return Trial(kind, fields, tmp_path_factory.mktemp("networks") / kind.name)
+
+
+# Training's side
+
+
+def test_the_config_survives_json(trial):
+    config = trial.network.config
+    stored = json.loads(json.dumps(asdict(config)))
+    again = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
+    assert trial.kind.Config(**again) == config
+
+
+def test_a_batch_follows_from_its_chance_alone(trial):
+    positions, observed = trial.windows(8)
+    before = positions.copy(), observed.copy()
+    one, same, other = (trial.network.batch(positions, observed, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert all(np.array_equal(one[name], same[name]) for name in one)
+    assert any(not np.array_equal(one[name], other[name]) for name in one)
+    for name, values in one.items():
+        assert isinstance(values, np.ndarray) and len(values) == 8, name
+        assert values.dtype != np.float64, f"{name} is float64"
+        assert np.isfinite(values).all(), f"{name} holds what was not observed"
+    assert np.array_equal(positions, before[0], equal_nan=True) and np.array_equal(observed, before[1])
+
+
+@pytest.mark.parametrize("seen", ["some", "all", "none"])
+def test_losses_are_one_a_row_and_gradients_finite(trial, seen):
+    positions, observed = trial.windows(4)
+    if seen != "some":
+        observed = np.full(observed.shape, seen == "all")
+        positions = np.where(observed[..., None], np.nan_to_num(positions), np.float32(np.nan))
+    arrays = trial.network.batch(positions, observed, np.random.default_rng(3))
+    batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    network = trial.network.train()
+    network.zero_grad()
+    losses = network.loss(batch, 0)
+    assert "loss" in losses
+    assert all(values.shape == (4,) and values.isfinite().all() for values in losses.values())
+    losses["loss"].mean().backward()
+    gradients = [each.grad for each in network.parameters() if each.grad is not None]
+    assert gradients and all(each.isfinite().all() for each in gradients)
+    network.zero_grad(set_to_none=True)
+    network.eval()
+
+
+# Windows
+
+
+def test_the_graph_answers_as_the_network_does(trial):
+    positions, observed = trial.windows(9, seed=5)
+    answer = trial.completer.windows(positions, observed)
+    assert answer.shape == positions.shape and answer.dtype == np.float32 and np.isfinite(answer).all()
+    np.testing.assert_allclose(answer, module_completer(trial.network).windows(positions, observed), atol=1e-4)
+
+
+def test_windows_in_one_batch_answer_as_they_do_alone(trial):
+    positions, observed = trial.windows(5, seed=6)
+    together = trial.completer.windows(positions, observed)
+    alone = [trial.completer.windows(positions[row : row + 1], observed[row : row + 1])[0] for row in range(5)]
+    np.testing.assert_allclose(together, alone, atol=1e-4)
+
+
+def test_what_is_not_observed_is_not_read(trial):
+    positions, observed = trial.windows(4)
+    junk = np.where(observed[..., None], positions, np.float32(1e6))
+    assert np.array_equal(trial.completer.windows(positions, observed), trial.completer.windows(junk, observed))
+
+
+def test_windows_of_another_shape_are_refused_in_words(trial):
+    positions, observed = trial.windows(2)
+    with pytest.raises(InputError, match=r"knows 21 joints, the windows have 20"):
+        trial.completer.windows(positions[:, :, 1:], observed[:, :, 1:])
+    if not trial.completer.description.any_length:
+        with pytest.raises(InputError, match=rf"windows of {trial.kind.frames} frames, not of {trial.kind.frames - 1}"):
+            trial.completer.windows(positions[:, 1:], observed[:, 1:])
+
+
+def test_memory_is_bounded_by_batches(trial, monkeypatch):
+    seen = []
+    completer = networks.completer(trial.completer.description, lambda inputs: spy(trial.completer.run, inputs, seen))
+    monkeypatch.setattr(networks, "TOKENS", 3 * trial.kind.frames * len(BODY))
+    positions, observed = trial.windows(7)
+    answer = completer.windows(positions, observed)
+    np.testing.assert_allclose(answer, trial.completer.windows(positions, observed), atol=1e-4)
+    assert seen == [3, 3, 1]
+
+
+# Takes
+
+
+LENGTHS = {
+    "1": lambda _: 1, "2": lambda _: 2, "T-1": lambda window: window - 1, "T": lambda window: window,
+    "T+1": lambda window: window + 1, "3T+7": lambda window: 3 * window + 7,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("length", LENGTHS.values(), ids=LENGTHS)
+def test_takes_of_any_length_come_back_whole(trial, length):
+    motion = trial.damaged(length(trial.kind.frames))
+    filled = trial.completer.complete(motion)
+    assert filled.observed.all() and np.isfinite(filled.positions).all()
+    assert np.array_equal(filled.positions[motion.observed], motion.positions[motion.observed])
+    assert filled.fps == motion.fps and filled.skeleton is motion.skeleton
+
+
+@pytest.mark.parametrize("fps", [24.0, 59.94, 100.0, 240.0])
+def test_takes_of_any_rate_come_back_whole(trial, fps):
+    motion = trial.damaged(round(1.3 * fps), fps)
+    filled = trial.completer.complete(motion)
+    assert filled.observed.all() and np.isfinite(filled.positions).all()
+    assert np.array_equal(filled.positions[motion.observed], motion.positions[motion.observed])
+    assert len(filled) == len(motion) and filled.fps == fps
+    raw = trial.completer.predict(motion)
+    assert len(raw) == len(motion) and raw.observed.all() and np.isfinite(raw.positions).all()
+
+
+def test_the_answer_is_the_same_each_time(trial):
+    motion = trial.damaged(40)
+    first, second = (load_completer(trial.completer.run.path.parent).complete(motion) for _ in range(2))
+    assert np.array_equal(first.positions, second.positions)
+
+
+def test_a_take_with_nothing_missing_or_nothing_there_comes_back_as_it_is(trial):
+    def never(inputs):
+        raise AssertionError("the network was run")
+
+    completer = networks.completer(trial.completer.description, never)
+    motion = trial.damaged(30)
+    whole = replace(motion, positions=np.nan_to_num(motion.positions), observed=np.ones_like(motion.observed))
+    nothing = hidden(motion, np.zeros_like(motion.observed))
+    for take in (whole, nothing):
+        back = completer.complete(take)
+        assert back is take
+    assert completer.predict(nothing) is nothing
+
+
+def test_joints_that_are_none_of_the_network_stay(trial):
+    motion = trial.damaged(35)
+    names = (*(f"prop{each}" for each in range(2)), *BODY.names)
+    parents = (-1, 0, *(parent + 2 if parent >= 0 else -1 for parent in BODY.parents))
+    prop = np.full((35, 2, 3), np.nan, np.float32)
+    prop[:, 0] = 7
+    positions = np.concatenate([prop, motion.positions], axis=1)
+    observed = np.concatenate([np.isfinite(prop).all(-1), motion.observed], axis=1)
+    rigged = Motion(positions, observed, motion.fps, Skeleton(names, parents))
+    filled = trial.completer.complete(rigged)
+    assert np.array_equal(filled.positions[:, :2], prop, equal_nan=True)
+    assert filled.observed[:, 0].all() and not filled.observed[:, 1].any()
+    np.testing.assert_allclose(filled.positions[:, 2:], trial.completer.complete(motion).positions, atol=1e-5)
+
+
+def test_a_rig_from_a_file_is_filled_at_its_own_rate(trial):
+    take = mm.load(WALK)
+    mapping = map_rig(take.skeleton, take.motion.positions)
+    observed = np.ones((len(take), len(take.skeleton)), bool)
+    observed[40:60] = False
+    observed[80:120, mapping.found["right_hand"]] = False
+    motion = hidden(take.motion, observed)
+    filled = trial.completer.complete(motion)
+    ours = np.isin(np.arange(len(take.skeleton)), mapping.joints)
+    assert filled.observed[:, ours].all() and np.isfinite(filled.positions[:, ours]).all()
+    assert np.array_equal(filled.observed[:, ~ours], observed[:, ~ours])
+    assert np.array_equal(filled.positions[observed], motion.positions[observed])
+    assert np.array_equal(trial.completer.complete(motion, mapping).positions, filled.positions, equal_nan=True)
+
+
+def test_a_take_elsewhere_and_higher_is_filled_alike(trial):
+    motion = trial.damaged(40)
+    moved = np.array([5, 1.5, -7], np.float32)
+    elsewhere = trial.completer.complete(replace(motion, positions=motion.positions + moved))
+    np.testing.assert_allclose(elsewhere.positions - moved, trial.completer.complete(motion).positions, atol=1e-3)
+
+
+def test_what_is_no_person_is_refused_in_words(trial):
+    motion = trial.damaged(20)
+    cloud = replace(motion, skeleton=Skeleton.cloud([f"M{joint}" for joint in range(len(BODY))]))
+    cloud = replace(cloud, positions=np.random.default_rng(0).normal(size=cloud.positions.shape).astype(np.float32))
+    with pytest.raises(InputError, match="no human body"):
+        trial.completer.complete(cloud)
+
+
+def test_samples_follow_from_their_seed(trial):
+    motion = trial.damaged(2 * trial.kind.frames + 3)
+    if not trial.kind.generative:
+        assert not hasattr(trial.completer, "sample")
+        return
+    ways, again, others = (trial.completer.sample(motion, 3, seed) for seed in (1, 1, 2))
+    assert len(ways) == 3
+    for way, same, other in zip(ways, again, others):
+        assert np.array_equal(way.positions, same.positions) and not np.array_equal(way.positions, other.positions)
+        assert way.observed.all() and np.isfinite(way.positions).all()
+        assert np.array_equal(way.positions[motion.observed], motion.positions[motion.observed])
+    assert not np.array_equal(ways[0].positions, ways[1].positions)
+    with pytest.raises(InputError, match="the first frame lacks hips, left_hand"):
+        lacking = motion.observed.copy()
+        lacking[0, [JOINT["hips"], JOINT["left_hand"]]] = False
+        trial.completer.sample(hidden(motion, lacking), 1, 0)
+
+
+def test_sampled_windows_are_raw_and_follow_from_their_seed(trial):
+    if not trial.kind.generative:
+        pytest.skip("one answer only")
+    positions, observed = trial.windows(3)
+    arguments = positions[:, 0], positions[:, 1:], observed[:, 1:]
+    drawn = trial.completer.sample_windows(*arguments, 5, 0)
+    assert drawn.shape == (3, 5, trial.kind.frames - 1, len(BODY), 3) and np.isfinite(drawn).all()
+    assert np.array_equal(drawn, trial.completer.sample_windows(*arguments, 5, 0))
+    assert not np.array_equal(drawn[:, 0], drawn[:, 1])
+
+
+def test_what_comes_before_the_first_whole_pose_is_left(trial):
+    if not trial.kind.generative:
+        pytest.skip("needs no whole pose")
+    motion = trial.damaged(30)
+    observed = motion.observed.copy()
+    observed[:4, 3] = False
+    observed[4:9] = True
+    late = hidden(replace(motion, positions=np.nan_to_num(motion.positions)), observed)
+    filled = trial.completer.complete(late)
+    assert np.array_equal(filled.observed[:4], late.observed[:4]) and filled.observed[4:].all()
+
+
+# The checkpoint
+
+
+def test_stored_and_loaded_weights_are_equal_bit_for_bit(trial):
+    assert trial.completer
+    again = checkpoints.load_network(trial.folder)
+    ours, theirs = trial.network.state_dict(), again.state_dict()
+    assert ours.keys() == theirs.keys() and all(torch.equal(ours[name], theirs[name]) for name in ours)
+    positions, observed = trial.windows(3)
+    assert np.array_equal(*(module_completer(each).windows(positions, observed) for each in (trial.network, again)))
+
+
+def test_weights_are_stored_in_half_the_bytes(trial):
+    assert trial.completer
+    full = 4 * sum(each.numel() for each in trial.network.state_dict().values())
+    stored = sum(len(each.raw_data) for each in onnx.load(trial.folder / "model.onnx").graph.initializer)
+    assert stored < 0.6 * full
+    assert (trial.folder / "model.safetensors").stat().st_size < 0.6 * full + 200 * len(trial.network.state_dict())
+
+
+def test_nothing_of_this_machine_is_shipped(trial):
+    assert trial.completer
+    for file in trial.folder.iterdir():
+        content = file.read_bytes()
+        for trace in ("site-packages", "torch/", ".py\"", "stack_trace", f"{Path.home()}/", str(trial.folder.parent)):
+            assert trace.encode() not in content, (file.name, trace)
+
+
+def test_the_same_network_gives_the_same_bytes(trial, tmp_path):
+    assert trial.completer
+    positions, observed = trial.windows(4)
+    export(trial.network, tmp_path / trial.folder.name, skeleton=BODY, windows=(positions, observed))
+    for file in trial.folder.iterdir():
+        assert (tmp_path / trial.folder.name / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_it_runs_where_torch_is_not(trial, tmp_path):
+    motion = trial.damaged(30)
+    np.savez(tmp_path / "in.npz", positions=motion.positions, observed=motion.observed)
+    expected = trial.completer.complete(motion).positions
+    code = (
+        "import sys; sys.modules.update(torch=None, onnx=None, safetensors=None)\n"
+        "import numpy as np, motionmend as mm; from motionmend.body import BODY\n"
+        f"data = np.load({str(tmp_path / 'in.npz')!r})\n"
+        f"motion = mm.Motion(data['positions'], data['observed'], {trial.kind.fps}, BODY)\n"
+        f"filled = mm.load_completer({str(trial.folder)!r}).complete(motion)\n"
+        f"np.save({str(tmp_path / 'out.npy')!r}, filled.positions)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert np.array_equal(np.load(tmp_path / "out.npy"), expected)

@@ -1,0 +1,146 @@
+"""A network's view of a window: there and back, and the copies of a window that training makes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motionmend.body import BODY, JOINT, facing
+from motionmend.metrics import bone_lengths
+from motionmend.motion import Motion
+from motionmend.spaces import SPACES, mirrored, turned
+
+QUICK = settings(max_examples=40, deadline=None, derandomize=True)
+
+
+def windows(seed: int, batch: int = 3, frames: int = 6, joints: int = 21, hidden: float = 0.3):
+    rng = np.random.default_rng(seed)
+    positions = rng.normal([30, 1, -20], 1, (batch, frames, joints, 3)).astype(np.float32)
+    observed = rng.random((batch, frames, joints)) >= hidden
+    positions[~observed] = np.nan
+    return positions, observed
+
+
+def a_body() -> np.ndarray:
+    """One pose (1, 1, 21, 3) that faces +Z, asymmetric."""
+    pose = np.zeros((1, 1, 21, 3), np.float32)
+    pose[0, 0, :, 1] = np.arange(21) / 10
+    for name, joint in JOINT.items():
+        pose[0, 0, joint, 0] = 0.2 if name.startswith("left") else -0.2 if name.startswith("right") else 0
+    pose[0, 0, JOINT["left_hand"]] = 0.9, 1.5, 0.4
+    return pose
+
+
+@pytest.mark.parametrize("name", SPACES)
+@given(seed=st.integers(0, 1000), frames=st.integers(1, 8), hidden=st.sampled_from([0.0, 0.5, 1.0]))
+@QUICK
+def test_what_goes_in_comes_back(name, seed, frames, hidden):
+    positions, observed = windows(seed, frames=frames, hidden=hidden)
+    space = SPACES[name]()
+    assert space.name == name
+    inputs, known = space.encode(positions, observed)
+    assert all(np.isfinite(value).all() and value.dtype in (np.float32, np.bool_) for value in inputs.values())
+    back = space.decode(inputs["positions"] if name == "floor_mean" else inputs["trajectories"], known)
+    assert back.shape == positions.shape and back.dtype == np.float32
+    assert np.isfinite(back).all()
+    np.testing.assert_allclose(back[observed], positions[observed], atol=1e-5)
+
+
+def test_floor_mean_is_that_of_observed_samples_and_leaves_the_height():
+    positions, observed = windows(1, batch=2)
+    inputs, _ = SPACES["floor_mean"]().encode(positions, observed)
+    for window, seen, made in zip(positions, observed, inputs["positions"]):
+        known = [window[t, j].astype(float) for t in range(6) for j in range(21) if seen[t, j]]
+        mean = [sum(each[axis] for each in known) / len(known) for axis in range(3)]
+        for t in range(6):
+            for j in range(21):
+                wanted = window[t, j] - [mean[0], 0, mean[2]] if seen[t, j] else np.zeros(3)
+                np.testing.assert_allclose(made[t, j], wanted, atol=1e-5)
+    assert np.array_equal(inputs["observed"], observed)
+
+
+def test_floor_mean_forgets_where_on_the_floor():
+    positions, observed = windows(2)
+    moved = positions + np.array([64, 0, -32], np.float32)
+    one, two = (SPACES["floor_mean"]().encode(each, observed)[0]["positions"] for each in (positions, moved))
+    np.testing.assert_allclose(one, two, atol=2e-5)
+
+
+def test_first_pelvis_is_the_origin_in_height_too():
+    positions, observed = windows(3, hidden=0.0)
+    observed[:, 1:, 4] = False
+    inputs, known = SPACES["first_pelvis"]().encode(positions, observed)
+    assert not inputs["pose"][:, JOINT["hips"]].any()
+    pelvis = positions[:, :1, :1]
+    np.testing.assert_array_equal(inputs["pose"], (positions - pelvis)[:, 0])
+    wanted = (positions - pelvis)[:, 1:]
+    wanted[:, :, 4] = 0
+    np.testing.assert_array_equal(inputs["trajectories"], wanted)
+    assert np.array_equal(inputs["given"], observed[:, 1:])
+    decoded = SPACES["first_pelvis"]().decode(np.zeros((3, 5, 21, 3), np.float32), known)
+    np.testing.assert_array_equal(decoded[:, 0], positions[:, 0])
+    np.testing.assert_array_equal(decoded[:, 1:], np.broadcast_to(pelvis, (3, 5, 21, 3)))
+
+
+def test_a_joint_missing_in_the_first_frame_stands_where_the_output_begins():
+    positions, observed = windows(4, batch=1, hidden=0.0)
+    observed[0, 0, [0, 7]] = False
+    positions[0, 0, [0, 7]] = np.nan
+    inputs, known = SPACES["first_pelvis"]().encode(positions, observed)
+    middle = positions[0, 0][observed[0, 0]].mean(axis=0)
+    np.testing.assert_allclose(inputs["pose"][0, 1], positions[0, 0, 1] - middle, atol=1e-5)
+    decoded = SPACES["first_pelvis"]().decode(inputs["trajectories"], known)
+    np.testing.assert_array_equal(decoded[0, 0, [0, 7]], decoded[0, 1, [0, 7]])
+
+
+def test_a_quarter_turn_takes_z_to_x():
+    axes = np.eye(3, dtype=np.float32)[None]
+    np.testing.assert_allclose(turned(axes, np.array([np.pi / 2]))[0], [[0, 0, -1], [0, 1, 0], [1, 0, 0]], atol=1e-7)
+
+
+def test_turns_keep_bones_and_heights_and_add_up():
+    positions, observed = windows(5)
+    angles, more = np.array([0.3, -2.0, 9.0]), np.array([1.0, 0.0, -4.0])
+    once = turned(positions, angles)
+    assert once.dtype == np.float32
+    np.testing.assert_array_equal(once[..., 1], positions[..., 1])
+    for before, after in zip(positions, once):
+        np.testing.assert_allclose(
+            bone_lengths(after, BODY.parents), bone_lengths(before, BODY.parents), atol=2e-5
+        )
+    np.testing.assert_allclose(turned(once, more), turned(positions, angles + more), atol=2e-5)
+    np.testing.assert_array_equal(np.isnan(once).any(axis=-1), ~observed)
+
+
+def test_a_turned_body_faces_where_it_was_turned_to():
+    body = turned(a_body(), np.array([np.pi / 2]))[0]
+    faces = facing(Motion(body, np.ones((1, 21), bool), 60, BODY))
+    np.testing.assert_allclose(faces, [[1, 0, 0]], atol=1e-6)
+
+
+def test_a_mirrored_left_hand_is_a_right_hand_on_the_other_side():
+    body, observed = a_body(), np.ones((1, 1, 21), bool)
+    observed[0, 0, JOINT["left_foot"]] = False
+    other, seen = mirrored(body, observed, np.array([True]))
+    np.testing.assert_array_equal(other[0, 0, JOINT["right_hand"]], np.float32([-0.9, 1.5, 0.4]))
+    assert not seen[0, 0, JOINT["right_foot"]] and seen[0, 0, JOINT["left_foot"]]
+    assert other[0, 0, JOINT["left_hand"], 0] > 0  # a left hand is still to the left of a body that faces +Z
+    np.testing.assert_allclose(facing(Motion(other[0], seen[0], 60, BODY)), [[0, 0, 1]], atol=1e-6)
+
+
+def test_mirroring_twice_changes_nothing_and_only_where_asked():
+    positions, observed = windows(6)
+    which = np.array([True, False, True])
+    other, seen = mirrored(positions, observed, which)
+    np.testing.assert_array_equal(other[1], positions[1])
+    assert not np.array_equal(other[0], positions[0], equal_nan=True)
+    again, seen_again = mirrored(other, seen, which)
+    np.testing.assert_array_equal(again, positions)
+    np.testing.assert_array_equal(seen_again, observed)
+    np.testing.assert_array_equal(np.isnan(other).any(axis=-1), ~seen)
+    for name in BODY.names:
+        side = name.replace("left", "?").replace("right", "left").replace("?", "right")
+        before = bone_lengths(positions[0], BODY.parents)[:, JOINT[name]]
+        np.testing.assert_allclose(bone_lengths(other[0], BODY.parents)[:, JOINT[side]], before, atol=1e-5)

@@ -1,0 +1,89 @@
+"""A network whose optimum is known in closed form, for the tests of training; and a script that trains it.
+
+`python toys.py FOLDER CORPUS [key=value …]` trains in its own process, so that it can be killed, or started twice.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from motionmend.models.network import Network
+
+
+@dataclass(frozen=True)
+class LineConfig:
+    dropout: float = 0.0
+    bad_at: int = -1
+    """The step whose loss is not a number."""
+    nap: float = 0.0
+    """Seconds that each step sleeps, so that there is time to kill it."""
+    sizes: tuple[int, ...] = (1, 2)
+    """Nothing; there to be written and read."""
+
+
+class Line(Network):
+    """The first joint in the next frame as a linear function of all joints in this one, by least squares."""
+
+    name = "line"
+    space = "floor_mean"
+    fps = 30.0
+    frames = 2
+    protocol = ""
+    Config = LineConfig
+    DEFAULTS = {"batch": 64, "lr": 0.02, "network": {"sizes": (3,)}}  # noqa: RUF012
+
+    def __init__(self, config, joints):
+        super().__init__(config, joints)
+        self.line = nn.Linear(3 * joints, 3)
+        self.drop = nn.Dropout(config.dropout)
+
+    def batch(self, positions, observed, rng):  # noqa: ARG002
+        given = positions[:, 0].reshape(len(positions), -1)
+        # The last joint's y is the number of the frame: which samples came is told exactly.
+        rows = {"given": given, "wanted": positions[:, 1, 0]}
+        return rows | {"which": positions[:, 0, -1, 1], "chance": rng.random(len(given)) < 0.5}
+
+    def loss(self, batch, step):
+        time.sleep(self.config.nap)
+        # Scaled so that the frame's number, up to hundreds, does not spoil the conditioning.
+        given = torch.cat([batch["given"][:, :-3], 0 * batch["given"][:, -3:]], 1)
+        error = (self.line(self.drop(given)) - batch["wanted"]).square().mean(1)
+        if step == self.config.bad_at:
+            error = error / 0
+        return {"loss": error, "which": batch["which"], "chance": batch["chance"].float()}
+
+
+def no_scores(network, corpus, settings, picture):
+    return {"height": float(network.line.bias.detach().square().sum())}
+
+
+def no_export(network, folder, corpora, spent, scores):
+    return folder
+
+
+def settings(corpus, **options):
+    from motionmend.training.config import settle
+
+    return settle("toys:Line", Line, {"corpus": [str(corpus)], "checkpoint_minutes": 0, **options})
+
+
+if __name__ == "__main__":
+    from motionmend.cli import complain
+    from motionmend.errors import InputError
+    from motionmend.training.loop import train
+
+    folder, corpus, *pairs = sys.argv[1:]
+    options = {key: ast.literal_eval(value) for key, value in (pair.split("=", 1) for pair in pairs)}
+    resume = options.pop("resume", False)
+    try:
+        status = train(settings(corpus, **options), Path(folder), resume=resume, validate=no_scores, export=no_export)
+    except InputError as error:
+        status = complain(error)
+    sys.exit(status)
