@@ -1,6 +1,6 @@
 """Does a network of XMAE's size ever wait for its samples? Steps a second, and the share of them spent waiting.
 
-    python benchmarks/throughput.py --corpus cmu60.corpus [--batch 128] [--steps 30] [--precision fp32|bf16]
+    python benchmarks/throughput.py --corpus cmu60.corpus [--batch 128] [--steps 30] [--workers 0] [--precision bf16]
 
 Trains a stand-in made of PyTorch's own Transformer layers (encoder 256 wide and 6 deep on the 15 % of tokens that are
 shown, decoder 128 wide and 3 deep on all 60 x 21) with the real loop, on windows turned, masked and displaced as XMAE's
@@ -89,10 +89,10 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=128)
     parser.add_argument("--steps", type=int, default=30)
     parser.add_argument("--precision", default="auto")
+    parser.add_argument("--workers", type=int, default=0)
     options = parser.parse_args()
     sys.modules.setdefault("throughput", sys.modules["__main__"])  # under which the loop finds the class
-    asked = {"corpus": options.corpus, "batch": options.batch, "steps": options.steps, "precision": options.precision}
-    settings = settle("throughput:StandIn", StandIn, asked, {"log_every": 5, "checkpoint_minutes": 0.0})
+    settings = settle("throughput:StandIn", StandIn, vars(options), {"log_every": 5, "checkpoint_minutes": 0.0})
 
     corpora = [Corpus.open(path) for path in options.corpus]
     batches = Batches(StandIn(Sizes(), len(corpora[0].skeleton)), corpora, batch=options.batch, stride=1, seed=0)

@@ -111,7 +111,8 @@ def test_reaches_the_least_squares_optimum(tmp_path, corpus):
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGTERM], ids=lambda stop: stop.name)
 def test_a_run_that_was_stopped_ends_as_one_that_was_not(tmp_path, corpus, stop):
     network = {"dropout": 0.2, "nap": 0.002}
-    options = {"steps": 300, "batch": 16, "checkpoint_every": 7, "validate_every": 50, "log_every": 10, "network": network}
+    often = {"checkpoint_every": 7, "validate_every": 50, "log_every": 10}
+    options = {"steps": 300, "batch": 16, "network": network, **often}
     whole = trained(tmp_path / "whole", corpus, **options)
     folder, delay = tmp_path / "stopped", random.uniform(0, 0.5)
     child = process(folder, corpus, **options)
@@ -161,6 +162,11 @@ def test_processes_that_cannot_share_equally_are_refused():
     assert [share(64, rank, 4) for rank in range(4)] == [(0, 16), (16, 32), (32, 48), (48, 64)]
     with pytest.raises(InputError, match="3 processes"):
         share(64, 0, 3)
+
+
+def test_worker_processes_make_the_samples_that_a_thread_makes(tmp_path, corpus):
+    alone = trained(tmp_path / "thread", corpus, steps=12)
+    assert same(alone, trained(tmp_path / "process", corpus, steps=12, workers=1))
 
 
 def test_a_loss_that_is_no_number_stops_the_run_and_loses_nothing(tmp_path, corpus):
@@ -470,7 +476,8 @@ def test_a_log_is_cut_back(tmp_path):
 
 
 def test_times_in_words():
-    assert [span(seconds) for seconds in (5, 65, 3661, 90061)] == ["5 s", "1 min 5 s", "1 h 1 min", "1 d 1 h"]
+    words = ["5 s", "1 min 0 s", "1 min 5 s", "1 h 1 min", "1 d 1 h"]
+    assert [span(seconds) for seconds in (5, 59.9, 65, 3661, 90061)] == words
 
 
 # All of it

@@ -42,7 +42,7 @@ def table(cells: Sequence[Cell], rows: Sequence[str], protocol: Protocol) -> str
     settings = list(dict.fromkeys(cell.setting for cell in cells))
     own = [cell.method for cell in cells if cell.method not in rows]
     names = [*dict.fromkeys(own), *rows]
-    decimals = max(decimals_for([cell.value for cell in cells]), cells[0].unit == "%")  # those are all near 100
+    decimals = max(decimals_for([cell.value for cell in cells]), int(cells[0].unit == "%"))  # those are all near 100
     bold = {each: best([cell for cell in cells if cell.setting == each], protocol, decimals) for each in settings}
 
     def said(name: str, setting: str) -> str:

@@ -54,6 +54,7 @@ PROTOCOL = Protocol(
         "start pose; that, jitter and foot skate (of feet that are slow and low) are of the first sample."
     ),
     highest=("APD",),
+    unjudged=("pop after the start pose",),
 )  # fmt: skip
 
 

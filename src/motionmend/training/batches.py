@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import os
 import queue
+import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
 
 from ..corpus import Corpus
 from ..errors import InputError
+from ..models import network_class
 from ..models.network import Network
+from .config import Settings
 
 Array = np.ndarray
 
@@ -85,6 +91,53 @@ def share(blocks: int, rank: int, processes: int) -> tuple[int, int]:
         hint = f"choose a batch that is a multiple of {processes}"
         raise InputError(f"{blocks} blocks of samples for {processes} processes", hint=hint)
     return rank * blocks // processes, (rank + 1) * blocks // processes
+
+
+class Workers:
+    """Batches made in processes of their own, for networks whose step is shorter than making one batch takes.
+
+    Calling it with steps, one after the other from `first`, gives what `Batches.make` would.
+    """
+
+    def __init__(self, count: int, batches: Batches, settings: Settings, blocks: tuple[int, int], first: int):
+        joints = len(batches.corpora[0].skeleton)
+        self.blocks, self.asked, self.stop, self.count = blocks, first, settings.steps, count
+        self.pool = ProcessPoolExecutor(
+            count, multiprocessing.get_context("spawn"), _begin, (settings, joints, batches.corpora)
+        )
+        self.futures: dict[int, Future] = {}
+
+    def __call__(self, step: int) -> dict[str, Array]:
+        while self.asked < min(step + 2 * self.count, self.stop):
+            self.futures[self.asked] = self.pool.submit(_make, self.asked, *self.blocks)
+            self.asked += 1
+        return self.futures.pop(step).result()
+
+    def close(self) -> None:
+        self.pool.shutdown(cancel_futures=True)
+
+
+_batches: Batches  # of this process, where it is a worker
+
+
+def _begin(settings: Settings, joints: int, corpora: Sequence[Corpus]) -> None:
+    global _batches
+    # Ctrl-C is the main process's to handle; and where that was killed, nobody else would end this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    network = network_class(settings.name)(settings.network, joints)
+    _batches = Batches(network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _make(step: int, first: int, last: int) -> dict[str, Array]:
+    return _batches.make(step, first, last)
 
 
 class Ahead:

@@ -47,6 +47,8 @@ class Settings:
     """Seed of weights, samples and dropout."""
     stride: int = 1
     """Frames between the first frames of training windows."""
+    workers: int = 0
+    """Processes that make the samples, where one thread beside the network is too slow (see the waiting it tells)."""
     validate_every: int = 1000
     """Steps between validations; 0 for only one, at the end."""
     validation_windows: int = 256
@@ -64,7 +66,9 @@ class Settings:
 
 
 # What a resumed run may change, because no weight depends on it.
-FREE = {"validate_every", "validation_windows", "checkpoint_every", "checkpoint_minutes", "keep", "log_every"}
+FREE = {
+    "workers", "validate_every", "validation_windows", "checkpoint_every", "checkpoint_minutes", "keep", "log_every",
+}  # fmt: skip
 # What it may change as long as the learning rates of the steps already taken stay the same.
 RATES = {"steps", "lr", "warmup", "schedule", "step_every"}
 
@@ -173,7 +177,7 @@ def _as(hint: Any, value: Any, key: str, where: object) -> Any:
 def check(settings: Settings) -> None:
     """InputError where a number cannot be meant."""
     least = {"steps": 1, "batch": 1, "stride": 1, "step_every": 1, "log_every": 1, "validation_windows": 1, "seed": 0,
-             "validate_every": 0, "checkpoint_every": 0, "checkpoint_minutes": 0, "keep": 0, "clip": 0,
+             "validate_every": 0, "checkpoint_every": 0, "checkpoint_minutes": 0, "keep": 0, "clip": 0, "workers": 0,
              "weight_decay": 0}  # fmt: skip
     for key, low in least.items():
         if not getattr(settings, key) >= low:

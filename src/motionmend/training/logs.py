@@ -118,6 +118,7 @@ def cut_back(path: Path, step: int) -> None:
 
 def span(seconds: float) -> str:
     """A time in words, with the two largest units: "2 h 10 min"."""
+    seconds = round(seconds)
     minutes, hours = seconds // 60, seconds // 3600
     if seconds < 60:
         return f"{seconds:.0f} s"

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..models import network_class
 from ..models.network import Network
 from . import config, runs, state
-from .batches import Ahead, Batches, share
+from .batches import Ahead, Batches, Workers, share
 from .config import Settings, rate
 from .ending import Export, budget, exported
 from .logs import Journal
@@ -102,8 +102,10 @@ def train(
     if settings.compile:
         objective.compile()
 
+    workers = Workers(settings.workers, batches, settings, mine, progress.done) if settings.workers else None
+
     def make(step: int) -> dict[str, Tensor]:
-        arrays = batches.make(step, *mine)
+        arrays = workers(step) if workers else batches.make(step, *mine)
         tensors = {name: torch.from_numpy(np.ascontiguousarray(each)) for name, each in arrays.items()}
         return {name: each.pin_memory() for name, each in tensors.items()} if device.type == "cuda" else tensors
 
@@ -117,6 +119,8 @@ def train(
         if not status and run.main:
             run.finish(export)
     finally:
+        if workers:
+            workers.close()
         if run.journal:
             run.journal.close()
     accelerator.end_training()
@@ -190,7 +194,9 @@ class Run:
         device = self.accelerator.device
         rows = [torch.as_tensor(value, dtype=torch.float32, device=device).detach() for value in values.values()]
         rows.append(torch.tensor(float(bool(heard)), device=device))
-        *means, stop = self.accelerator.reduce(torch.stack(rows), "mean").tolist()
+        together = self.accelerator.reduce(torch.stack(rows), "mean")
+        assert isinstance(together, Tensor)
+        *means, stop = together.tolist()
         return dict(zip(values, means)), (heard[0] if heard else int(signal.SIGTERM)) if stop else 0
 
     def write_down(self, journal: Journal, stop: int) -> None:

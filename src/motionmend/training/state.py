@@ -30,10 +30,11 @@ class Average:
     def update(self, network: nn.Module, step: int) -> None:
         decay = min(self.decay, (1 + step) / (10 + step)) if self.decay else 0.0
         now = network.state_dict()
-        floats = [name for name, value in now.items() if value.is_floating_point()]
-        torch._foreach_lerp_([self.values[name] for name in floats], [now[name] for name in floats], 1 - decay)
-        for name in now.keys() - set(floats):
-            self.values[name].copy_(now[name])
+        for name, value in now.items():
+            if value.is_floating_point():
+                self.values[name].lerp_(value, 1 - decay)
+            else:
+                self.values[name].copy_(value)
 
 
 def gather(network: nn.Module, optimiser: torch.optim.Optimizer, average: Average) -> dict[str, Tensor]:
