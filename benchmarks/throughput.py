@@ -59,7 +59,7 @@ class StandIn(Network):
         self.encoder = nn.TransformerEncoder(encoder, config.depth, enable_nested_tensor=False)
         self.decoder = nn.TransformerDecoder(decoder, config.decoder_depth)
 
-    def batch(self, positions, observed, rng):
+    def batch(self, positions, observed, rng, step):
         positions = np.where(observed[..., None], positions, np.float32(0))
         masked, displaced = damage.token_masks(observed.shape, rng, observed=observed)
         given = damage.displace(positions, displaced, damage.ball((int(displaced.sum()),), 1.0, rng))
@@ -72,7 +72,7 @@ class StandIn(Network):
         given, wanted = ((each - mean[:, None, None]) @ turn for each in (given, positions))
         return {"given": given, "wanted": wanted, "shown": shown, "judged": (masked | displaced) & observed}
 
-    def loss(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:  # noqa: ARG002
+    def loss(self, batch: dict[str, Tensor], step: int) -> dict[str, Tensor]:
         keep = self.tokens - round(0.85 * self.tokens)
         chosen = batch["shown"].flatten(1).float().topk(keep).indices
         rows = batch["given"].flatten(1, 2).gather(1, chosen[..., None].expand(-1, -1, 3))

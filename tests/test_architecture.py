@@ -24,7 +24,7 @@ FLOORS = {
     "corpus": 2, "footing": 2, "windows": 2, "spaces": 2, "checkpoints": 2, "networks": 2, "models": 2,
     "datasets": 3, "corpora": 3, "poses": 3, "benchmark": 3, "export": 3, "card": 3, "training": 4,
     "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,
-    "demo": 4, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5, "cli": 5, "__main__": 6,
+    "demo": 4, "cli_options": 5, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5, "cli": 5, "__main__": 6,
 }  # fmt: skip
 HEAVY = ("torch", "scipy", "matplotlib", "ezc3d", "pygltflib", "rich.progress")
 

@@ -16,8 +16,9 @@ from motionmend.body import BODY, JOINT
 from motionmend.cli import main
 from motionmend.corpora import build, read_splits
 from motionmend.corpus import ClipInfo, Corpus, Dropped, write_corpus
-from motionmend.datasets import ground, t_pose
+from motionmend.datasets import t_pose
 from motionmend.errors import InputError
+from motionmend.footing import ground
 from motionmend.motion import Motion
 
 # A person of 1.7 m who stands, in metres: height and, to the left, across.

@@ -214,7 +214,7 @@ def test_parameters_of_a_body_model_are_told_what_they_need(tmp_path, width, mod
 
 def test_human36m_is_told_what_it_needs(tmp_path):
     takes = np.array({"S1": {"Walking": np.zeros((5, 32, 3))}}, dtype=object)
-    with pytest.raises(InputError, match=r"Human3\.6M.*np\.savez"):
+    with pytest.raises(InputError, match=r"Human3\.6M.*data build h36m"):
         mm.load(saved(tmp_path, positions_3d=takes))
 
 

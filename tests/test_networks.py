@@ -103,7 +103,7 @@ def test_the_config_survives_json(trial):
 def test_a_batch_follows_from_its_chance_alone(trial):
     positions, observed = trial.windows(8)
     before = positions.copy(), observed.copy()
-    one, same, other = (trial.network.batch(positions, observed, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    one, same, other = (trial.network.batch(positions, observed, np.random.default_rng(seed), 0) for seed in (1, 1, 2))
     assert all(np.array_equal(one[name], same[name]) for name in one)
     assert any(not np.array_equal(one[name], other[name]) for name in one)
     for name, values in one.items():
@@ -119,7 +119,7 @@ def test_losses_are_one_a_row_and_gradients_finite(trial, seen):
     if seen != "some":
         observed = np.full(observed.shape, seen == "all")
         positions = np.where(observed[..., None], np.nan_to_num(positions), np.float32(np.nan))
-    arrays = trial.network.batch(positions, observed, np.random.default_rng(3))
+    arrays = trial.network.batch(positions, observed, np.random.default_rng(3), 0)
     batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
     network = trial.network.train()
     network.zero_grad()

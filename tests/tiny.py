@@ -43,7 +43,7 @@ class Tiny(Network):
         self.inward = nn.Conv1d(4 * joints, config.hidden, config.kernel, padding=config.kernel // 2)
         self.outward = nn.Conv1d(config.hidden, 3 * joints, config.kernel, padding=config.kernel // 2)
 
-    def batch(self, positions, observed, rng):
+    def batch(self, positions, observed, rng, step):
         positions = np.where(observed[..., None], positions, 0).astype(np.float32)
         if self.config.turned:
             positions = turned(positions, rng.uniform(0, 2 * np.pi, len(positions)))
@@ -53,7 +53,7 @@ class Tiny(Network):
         origin = space.decode(np.zeros_like(positions), known)
         return {**inputs, "target": positions - origin, "wanted": observed & ~kept}
 
-    def loss(self, batch, step):  # noqa: ARG002
+    def loss(self, batch, step):
         error = (self(positions=batch["positions"], observed=batch["observed"]) - batch["target"]).abs().mean(-1)
         wanted = batch["wanted"].to(error.dtype)
         return {"loss": (error * wanted).sum((1, 2)) / wanted.sum((1, 2)).clamp(min=1)}
@@ -93,7 +93,7 @@ class TinyDream(Network):
         self.inward = nn.Linear(3 * joints + 4 * joints * later + self.noise_size, config.hidden)
         self.outward = nn.Linear(config.hidden, 3 * joints * later)
 
-    def batch(self, positions, observed, rng):
+    def batch(self, positions, observed, rng, step):
         kept = observed & (rng.random((len(positions), 1, observed.shape[2])) < self.config.kept)
         kept[:, 0] = observed[:, 0]
         space = SPACES[self.space]()
@@ -102,7 +102,7 @@ class TinyDream(Network):
         noise = rng.standard_normal((len(positions), self.noise_size)).astype(np.float32)
         return {**inputs, "noise": noise, "target": truth["trajectories"], "wanted": truth["given"]}
 
-    def loss(self, batch, step):  # noqa: ARG002
+    def loss(self, batch, step):
         inputs = {name: batch[name] for name in ("pose", "trajectories", "given", "noise")}
         error = (self(**inputs) - batch["target"]).abs().mean(-1)
         wanted = batch["wanted"].to(error.dtype)

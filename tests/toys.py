@@ -44,7 +44,7 @@ class Line(Network):
         self.line = nn.Linear(3 * joints, 3)
         self.drop = nn.Dropout(config.dropout)
 
-    def batch(self, positions, observed, rng):  # noqa: ARG002
+    def batch(self, positions, observed, rng, step):
         given = positions[:, 0].reshape(len(positions), -1)
         # The last joint's y is the number of the frame: which samples came is told exactly.
         rows = {"given": given, "wanted": positions[:, 1, 0]}

@@ -9,27 +9,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Optional
+from typing import Any, Literal, Optional
 
 import tyro
-from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
-from tyro.constructors import PrimitiveConstructorSpec
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from . import __version__
+from .cli_options import Files, Output
 from .errors import InputError
-
-# Said at length, because for `tuple[Path, ...]` tyro imports typeguard, which takes longer than a small command.
-Files = Annotated[
-    tuple,
-    PrimitiveConstructorSpec(
-        nargs="*",
-        metavar="FILE [FILE ...]",
-        instance_from_str=lambda names: tuple(map(Path, names)),
-        is_instance=lambda value: isinstance(value, tuple),
-        str_from_instance=lambda paths: [str(path) for path in paths],
-    ),
-]
-Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 
 
 @dataclass(frozen=True, kw_only=True)

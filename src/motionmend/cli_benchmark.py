@@ -10,9 +10,9 @@ from typing import Annotated, Optional
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from .cli_options import Output
 from .errors import InputError
 
-Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 Folder = Annotated[Optional[Path], arg(metavar="PATH")]
 
 

@@ -10,22 +10,9 @@ from typing import Annotated, Literal, Optional
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
-from tyro.constructors import PrimitiveConstructorSpec
 
+from .cli_options import Folders, Output
 from .errors import InputError
-
-# Said at length, because for `tuple[Path, ...]` tyro imports typeguard, which takes longer than a small command.
-Folders = Annotated[
-    tuple,
-    PrimitiveConstructorSpec(
-        nargs="*",
-        metavar="FOLDER [FOLDER ...]",
-        instance_from_str=lambda names: tuple(map(Path, names)),
-        is_instance=lambda value: isinstance(value, tuple),
-        str_from_instance=lambda paths: [str(path) for path in paths],
-    ),
-]
-Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,11 @@ from typing import Annotated, Any, get_type_hints
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, Suppress, arg
 
+from .cli_options import Output
 from .errors import InputError
 from .models import NETWORKS, network_class
 from .training.config import Settings, read, settle
 
-Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 File = Annotated[Path | None, arg(metavar="FILE")]
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from .body import BODY, map_rig, stature, to_body
 from .corpus import SPLITS, Clip, ClipInfo, Corpus, Dropped, refuse_target, write_corpus
-from .datasets import DATASETS, Raw, folder, ground, leg_length
+from .datasets import DATASETS, Raw, folder
 from .errors import InputError
+from .footing import ground, leg_length
 from .motion import Array, Motion
 from .progress import Stage, silent
 from .windows import resample

@@ -47,7 +47,7 @@ class Network(nn.Module):
         self.config = config
         self.joints = joints
 
-    def batch(self, positions: Array, observed: Array, rng: np.random.Generator) -> dict[str, Array]:
+    def batch(self, positions: Array, observed: Array, rng: np.random.Generator, step: int) -> dict[str, Array]:
         """Augment and corrupt windows into what `loss` takes. NumPy only, no loop over samples.
 
         It runs in a thread beside the training step: read `self.config`, never the parameters.
@@ -57,6 +57,7 @@ class Network(nn.Module):
         positions : `(B, T, J, 3)` float32, metres, Y up; NaN where unobserved.
         observed : `(B, T, J)` bool.
         rng : the only source of chance, so that a step's samples follow from seed and step alone.
+        step : how many steps were taken before this one, for a curriculum.
 
         Returns named arrays, each with B rows: float32, bool or int64.
         """

@@ -63,7 +63,7 @@ class Batches:
         made = []
         for number, rng in enumerate(chances):
             rows = slice(number * self.rows, (number + 1) * self.rows)
-            made.append(self.network.batch(positions[rows], observed[rows], rng))
+            made.append(self.network.batch(positions[rows], observed[rows], rng, step))
         return {name: np.concatenate([block[name] for block in made]) for name in made[0]}
 
     def choose(self, uniform: Array) -> tuple[Array, Array]:

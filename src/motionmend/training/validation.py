@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ..benchmark.results import evenly
 from ..corpus import Corpus
 from ..errors import InputError
 from ..models.network import Network
@@ -57,15 +58,10 @@ def held_out_loss(network: Network, corpus: Corpus, settings: Settings) -> float
     losses = []
     for first in range(0, len(starts), settings.batch):
         windows = corpus.windows(starts[first : first + settings.batch], network.frames)
-        batch = network.batch(*windows, np.random.default_rng([settings.seed, first]))
+        batch = network.batch(*windows, np.random.default_rng([settings.seed, first]), settings.steps)
         tensors = {name: torch.from_numpy(np.ascontiguousarray(each)).to(device) for name, each in batch.items()}
         losses.append(network.loss(tensors, settings.steps)["loss"].float())
     return float(torch.cat(losses).mean())
-
-
-def evenly(starts: Array, count: int) -> Array:
-    """`count` of the starts, spread evenly; all if there are no more."""
-    return starts if count >= len(starts) else starts[np.linspace(0, len(starts) - 1, count).round().astype(int)]
 
 
 def hidden_middles(corpus: Corpus, frames: int, count: int) -> tuple[Array, Array, Array]:
