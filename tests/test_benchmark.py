@@ -12,13 +12,14 @@ import pytest
 
 from motionmend import InputError
 from motionmend.auto import Auto
-from motionmend.benchmark import Clock, methods, protocol, provenance, quality, quick, run, xmae
+from motionmend.benchmark import Clock, methods, protocol, provenance, quality, quick, run, trials, xmae
 from motionmend.benchmark.results import TRUTH, Cell, Protocol, evenly
 from motionmend.benchmark.table import best, decimals_for, table
 from motionmend.body import BODY, JOINT, LIMBS
 from motionmend.checkpoints import Description
 from motionmend.cli import main
-from motionmend.corpus import ClipInfo, Corpus, write_corpus
+from motionmend.corpus import ClipInfo, Corpus
+from motionmend.corpus_writer import write_corpus
 from motionmend.denoise import denoise
 from motionmend.fills import FILLS
 from motionmend.motion import Motion, Skeleton
@@ -68,7 +69,7 @@ def brief(monkeypatch):
     """The protocol cut down to two tasks, because drawing all of them takes seconds."""
     every = xmae.trials
     tasks = "arm displaced", "noise on rotations"
-    monkeypatch.setattr(xmae, "trials", lambda skeleton: [each for each in every(skeleton) if each.task in tasks])
+    monkeypatch.setattr(xmae, "trials", lambda *asked: [each for each in every(*asked) if each.task in tasks])
 
 
 def values(cells: list[Cell], task: str, metric: str, method: str) -> list[float]:
@@ -135,6 +136,8 @@ def test_zero_velocity_holds_the_last_pose():
 def test_unknown_methods_name_the_nearest():
     with pytest.raises(InputError, match=r"unknown method 'hermit'.*hermite"):
         methods.find("hermit")
+    with pytest.raises(InputError, match=r"unknown method 'nearest-carry'.*nearest-carried, nearest"):
+        methods.find("nearest-carry")
     with pytest.raises(InputError, match="named twice"):
         methods.find_all(["linear", "linear"])
     with pytest.raises(InputError, match="gone"):
@@ -184,9 +187,32 @@ def test_windows_follow_each_other_inside_clips(walking):
 @pytest.mark.parametrize("seconds, span", [(0.1, (27, 33)), (0.3, (21, 39)), (0.5, (15, 45)), (0.9, (3, 57))])
 def test_gaps_are_in_the_middle(seconds, span):
     positions = wandering(60, 0)[None]
-    _, hidden, judged = xmae.missing([2, 5], seconds)(positions, np.random.default_rng(0))
+    _, hidden, judged = trials.missing([2, 5], round(seconds * 60))(positions, np.random.default_rng(0))
     assert hidden[0, :, 5].nonzero()[0].tolist() == list(range(*span))
     assert np.array_equal(hidden, judged) and hidden.sum() == 2 * (span[1] - span[0])
+    _, same, judged = trials.missing([2, 5], round(seconds * 60), everywhere=True)(positions, np.random.default_rng(0))
+    assert np.array_equal(hidden, same) and judged.all()
+
+
+def test_means_are_weighted():
+    means = trials.Means()
+    means.add({"a": (1.0, 1), "b": (5.0, 0)})
+    means.add({"a": (4.0, 2)})
+    assert means.value("a") == 3.0 and np.isnan(means.value("b")) and np.isnan(means.value("c"))
+    assert list(means.values()) == ["a", "b"]
+
+
+def test_a_trial_asks_methods_for_what_they_can_do():
+    fills, both = methods.find("linear"), methods.of_completer("n", constant_network())
+    restores = methods.find("none")
+
+    def doing(does, method):
+        return trials.Trial("t", "s", np.zeros(1, int), 60, trials.noisy(1.0), does).doing(method)
+
+    assert [doing("fill", each) for each in (fills, restores, both)] == [fills.fill, None, both.fill]
+    assert [doing("restore", each) for each in (fills, restores, both)] == [None, restores.restore, both.restore]
+    assert [doing("raw", each) for each in (fills, restores, both)] == [fills.fill, None, both.restore]
+    assert [doing("any", each) for each in (fills, restores, both)] == [fills.fill, restores.restore, both.restore]
 
 
 def test_straight_motion_costs_a_straight_line_nothing(lines):
@@ -212,7 +238,7 @@ def test_straight_motion_costs_a_straight_line_nothing(lines):
 def test_a_displaced_arm_is_off_by_its_offset(walking):
     windows = xmae.starts(walking, "test")
     truth, _ = walking.windows(windows, 60)
-    damage = xmae.displaced(LIMBS["left_arm"], 0.5)
+    damage = xmae.displaced(LIMBS["left_arm"], 30)
     damaged, hidden, judged = damage(truth, np.random.default_rng(5))
     offset = (damaged - truth)[:, 20, LIMBS["left_arm"]]
     lengths = np.linalg.norm(offset, axis=-1)
@@ -242,7 +268,7 @@ def test_noise_has_the_length_of_a_gaussian(walking):
 def test_noise_on_rotations_keeps_bones_and_hips():
     truth = np.stack([wandering(60, seed) for seed in range(40)])
     sigma = 0.05
-    damaged, _, judged = xmae.noisy_turns(sigma, BODY.parents)(truth, np.random.default_rng(0))
+    damaged, _, judged = xmae.noisy_turns(sigma)(truth, np.random.default_rng(0))
     bones = [
         np.linalg.norm(each[:, :, 1:] - each[:, :, list(BODY.parents[1:])], axis=-1) for each in (truth, damaged)
     ]
@@ -267,8 +293,9 @@ def test_a_joint_never_seen_counts_nowhere(tmp_path):
     assert all(np.isfinite(cell.value) for cell in few)
     truth, _ = whole.windows([0], 60)
     arm = [joint for joint in LIMBS["left_arm"] if joint != gone]
-    trial = next(each for each in xmae.trials(BODY) if (each.task, each.setting) == ("arm missing", "0.5 s"))
-    tally = xmae.measure_trial(trial, lacking, np.array([0]), linear, 0)["linear"]
+    every = xmae.trials(lacking, "test")
+    trial = next(each for each in every if (each.task, each.setting) == ("arm missing", "0.5 s"))
+    tally = xmae.measure_trial(trial, lacking, linear, 0)["linear"]
     u = np.arange(1, 31)[:, None, None] / 31
     guess = truth[0, 14, arm] * (1 - u) + truth[0, 45, arm] * u
     expected = np.linalg.norm(guess - truth[0, 15:45][:, arm], axis=-1).mean() * 1000
@@ -361,6 +388,8 @@ def test_tables_bold_the_best_and_dash_what_cannot():
         "| y | **10.0** | – |",
         "| z | – | – |",
     ]
+    stray = toy_cells({TRUTH: (1.0, 1.0), "x": (2.0, 2.0), "w": (3.0, 3.0)})
+    assert [line.split(" | ")[0] for line in table(stray, ["x"], about).splitlines()[2:]] == ["| w", "| x", "| truth"]
     high = replace(about, highest=("MPJPE",))
     assert best([cells[0], replace(cells[2], value=20.0)], high, 1) == {"y"}
     assert best([cells[0], cells[2]], replace(about, unjudged=("MPJPE",)), 1) == set()
@@ -443,7 +472,7 @@ def test_mistakes_are_named(walking, tmp_path, capsys):
     with pytest.raises(InputError, match=r"50 fps.*60 fps.*data build .* --fps 60"):
         run("xmae", slow, "test", ["linear"])
     short = corpus_of(tmp_path / "short.corpus", [wandering(59, 1)])
-    with pytest.raises(InputError, match="no window of 60 frames"):
+    with pytest.raises(InputError, match="no whole window of 60 frames"):
         run("xmae", short, "test", ["linear"])
     points = Skeleton.cloud(("hips", "b"))
     native = corpus_of(tmp_path / "native.corpus", [wandering(60, 1)[:, :2]], skeleton=points)

@@ -9,7 +9,8 @@ from motionmend.benchmark import convae, methods
 from motionmend.benchmark.methods import Method
 from motionmend.benchmark.results import TRUTH
 from motionmend.body import BODY, JOINT
-from motionmend.corpus import ClipInfo, write_corpus
+from motionmend.corpus import ClipInfo
+from motionmend.corpus_writer import write_corpus
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton
 
@@ -71,6 +72,8 @@ def test_a_straight_walk_is_linear_to_the_bit_and_held_by_zero_velocity(tmp_path
     corpus = corpus_of(tmp_path, walk)
     found = methods.find_all(["linear", "hermite", "zero-velocity"])
     cells = convae.measure(corpus, "validation", found)
+    bones = [cell.task in convae.BONE_TASKS.values() for cell in cells]
+    assert any(bones) and bones == sorted(bones)  # after the errors
     world = values(cells, convae.WORLD, "infilling")
     for gap in (0, 60, 120):
         assert world["linear", f"{gap} frames"] == pytest.approx(0, abs=1e-3)
@@ -243,9 +246,18 @@ def test_quick_is_a_mean_of_what_the_protocol_says(tmp_path):
 
 def test_what_cannot_be_measured_is_said(tmp_path):
     short = corpus_of(tmp_path, lively(100))
-    with pytest.raises(InputError, match="no window of 240 frames"):
+    with pytest.raises(InputError, match="no whole window of 240 frames"):
         convae.measure(short, "validation", [])
     other = Skeleton(("hips", "head"), (-1, 0))
     (tmp_path / "b").mkdir()
     with pytest.raises(InputError, match="not BODY's"):
         convae.measure(corpus_of(tmp_path / "b", np.zeros((300, 2, 3)), skeleton=other), "validation", [])
+
+
+def test_a_rig_without_toes_has_boxes_for_the_bones_it_has(tmp_path):
+    clip = lively(240)
+    clip[:, [JOINT["left_toe"], JOINT["right_toe"]]] = np.nan
+    cells = convae.measure(corpus_of(tmp_path, clip), "validation", methods.find_all(["linear"]))
+    boxes = {cell.metric for cell in cells if cell.task in convae.BONE_TASKS.values()}
+    assert boxes and boxes < set(convae.BONES)
+    assert set(convae.figures(cells)) == {"bone_lengths_gap_of_120_frames", "bone_lengths_whole_window"}

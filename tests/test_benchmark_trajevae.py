@@ -9,7 +9,8 @@ from motionmend.benchmark import methods, neighbours, trajevae
 from motionmend.benchmark.methods import Method
 from motionmend.benchmark.results import TRUTH
 from motionmend.body import BODY, JOINT
-from motionmend.corpus import ClipInfo, write_corpus
+from motionmend.corpus import ClipInfo
+from motionmend.corpus_writer import write_corpus
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton
 
@@ -121,7 +122,7 @@ def test_carried_begins_at_the_given_pose_and_goes_over_to_the_neighbour(tmp_pat
     off = np.zeros((21, 3))
     off[JOINT["head"]] = 0.1, 0.2, -0.1
     window = turned(np.broadcast_to(SHAPE + off, (1, 101, 21, 3)), 0.8) + np.array([2, 0, 3])
-    sample = neighbours.carried(corpus).sample(*asked(window, 0), 1, 0)[0, 0]
+    sample = methods.find("nearest-carried", corpus).sample(*asked(window, 0), 1, 0)[0, 0]
     weights = np.exp(-np.arange(1, 101) / 50 / neighbours.FADE_SECONDS)
     expected = turned(SHAPE + weights[:, None, None] * off, 0.8) + np.array([2, 0, 3])
     assert sample == pytest.approx(expected, abs=1e-5)

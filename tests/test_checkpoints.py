@@ -18,6 +18,7 @@ import motionmend as mm
 from motionmend import checkpoints
 from motionmend.body import BODY
 from motionmend.card import write_card
+from motionmend.cli import main
 from motionmend.errors import InputError
 from motionmend.export import export
 from tiny import Tiny
@@ -75,6 +76,20 @@ def test_a_path_is_a_checkpoint_or_a_run_that_exported_one(shelf, exported):
     assert checkpoints.find("runs/long") == Path("runs/long/export")
     assert checkpoints.load("runs/long").name == "long"
     assert mm.load_completer(shelf / "runs" / "long").name == "long"
+
+
+def test_a_folder_of_runs_can_be_searched_by_the_names_of_the_runs(shelf, exported, monkeypatch, capsys):
+    shutil.copytree(exported, shelf / "runs" / "long" / "export")
+    (shelf / "runs" / "linked").symlink_to(exported)
+    (shelf / "runs" / ".half.part").mkdir()
+    monkeypatch.setenv("MOTIONMEND_MODELS", str(shelf / "runs"))
+    assert {"long", "linked"} <= set(checkpoints.names()) and ".half.part" not in checkpoints.names()
+    assert checkpoints.find("long") == shelf / "runs" / "long" / "export"
+    assert mm.load_completer("linked").name == "linked"
+    (shelf / "runs" / "long" / "export" / "model.onnx").write_bytes(b"")
+    assert main(["models"]) == 1
+    told = capsys.readouterr()
+    assert "linked" in told.out and "model.onnx: the file is not the one that was exported" in told.err
 
 
 def test_what_is_no_checkpoint_is_named(shelf, monkeypatch):
@@ -196,7 +211,7 @@ def test_the_config_tells_what_it_is(exported):
     assert checkpoint.description.skeleton == BODY and checkpoint.config == {
         "hidden": 8, "kernel": 5, "masked": 0.3, "turned": True,
     }  # fmt: skip
-    assert checkpoint.summary == "1,200 steps of 16 windows in 1.5 h on 2 cores (made.corpus)"
+    assert checkpoint.summary == "1,200 steps of 16 windows in 1 h 30 min on 2 cores (made.corpus)"
 
 
 def test_the_card_tells_data_licence_budget_and_results(exported):
@@ -210,12 +225,27 @@ def test_the_card_tells_data_licence_budget_and_results(exported):
     assert 'mm.load_completer("walker")' in body
 
 
+def test_the_card_of_a_run_goes_by_its_name_and_says_what_was_chosen_how(tmp_path):
+    (tmp_path / "run").mkdir()
+    spent = {**BUDGET, "steps": 200, "steps of the run": 300, "seconds": 162, "validated by": "protocol xmae; in mm"}
+    folder = tmp_path / "run" / "export"
+    export(fresh(), folder, skeleton=BODY, windows=windows(), budget=spent, validation=VALIDATION)
+    card = (folder / "README.md").read_text("utf-8")
+    assert "# run\n" in card and 'mm.load_completer("run")' in card
+    assert "- steps: 200, the best by validation of a run of 300\n" in card
+    assert "- time: 2 min 42 s, all of the run\n" in card
+    assert "By protocol xmae; in mm.\n\n| validation" in card
+    summary = checkpoints.load(tmp_path / "run").summary
+    assert summary.startswith("200 steps (the best of 300) of 16 windows in 2 min 42 s on ")
+
+
 def test_a_card_says_what_it_was_not_told():
     facts = {
         "network": "pkg:Net", "fps": 30.0, "frames": 15, "skeleton": {"names": ["a"]}, "config": {}, "budget": {},
         "validation": {}, "parity": 0.0, "parameters": 10, "generative": True,
     }  # fmt: skip
-    card = write_card(facts, "export")
+    facts["budget"] = {"licence": ""}
+    card = write_card(facts, "pkg:Net")
     assert "# pkg:Net" in card and "Licence of the data: not told" in card and "It was not validated." in card
     assert "completer.sample(" in card
 

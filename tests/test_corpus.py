@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import json
@@ -15,11 +16,14 @@ import pytest
 from motionmend.body import BODY, JOINT
 from motionmend.cli import main
 from motionmend.corpora import build, read_splits
-from motionmend.corpus import ClipInfo, Corpus, Dropped, write_corpus
-from motionmend.datasets import t_pose
+from motionmend.corpus import ClipInfo, Corpus, Dropped
+from motionmend.corpus_writer import write_corpus
+from motionmend.datasets import asf_of, t_pose
+from motionmend.datasets import cmu as cmu_reader
 from motionmend.errors import InputError
 from motionmend.footing import ground
 from motionmend.motion import Motion
+from motionmend.poses import draw_sheet
 
 # A person of 1.7 m who stands, in metres: height and, to the left, across.
 STANDING = {
@@ -256,6 +260,26 @@ def test_a_flipped_bit_shows_in_the_data_hash(small):
     content[-1000] ^= 1
     path.write_bytes(content)
     assert "data hash" in Corpus.open(small.path).damaged()
+    assert main(["data", "show", str(small.path)]) == 1
+
+
+def test_a_damaged_head_of_an_array_is_named(small):
+    path = small.path / "origins.npy"
+    content = path.read_bytes()
+    for place in range(128):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 2]) + content[place + 1 :])
+        with contextlib.suppress(InputError):
+            Corpus.open(small.path)
+    path.write_bytes(content.replace(b"}", b" ", 1))
+    with pytest.raises(InputError, match=r"origins\.npy"):
+        Corpus.open(small.path)
+
+
+def test_names_that_are_not_utf8_come_back(tmp_path):
+    name = b"l\xfcft".decode(errors="surrogateescape")
+    corpus = written(tmp_path / "x.corpus", [(ClipInfo(name, f"{name}.bvh"), person())])
+    assert (corpus.clips[0].name, corpus.damaged()) == (name, "")
+    draw_sheet(corpus, tmp_path / "x.png")
 
 
 # Building -------------------------------------------------------------------------------------------------
@@ -289,7 +313,7 @@ def test_build_of_a_folder(raw, tmp_path):
     reasons = {each.file: each.reason for each in corpus.dropped}
     assert set(reasons) == {"short.npz", "prop.npz", "giant.npz", "broken.bvh"}
     assert "too short" in reasons["short.npz"] and "m tall" in reasons["giant.npz"]
-    assert "person" in reasons["prop.npz"] and reasons["broken.bvh"].startswith("broken.bvh:")
+    assert "person" in reasons["prop.npz"] and reasons["broken.bvh"].startswith("line 2:")
     assert str(tmp_path) not in (corpus.path / "corpus.json").read_text()
 
 
@@ -422,16 +446,81 @@ def test_build_refuses_before_it_works(raw, tmp_path):
         with pytest.raises(InputError, match=found):
             build(dataset, source, target, **more)
         assert not target.exists()
+    (tmp_path / "dangling").symlink_to("nowhere")
+    with pytest.raises(InputError, match="exists already"):
+        build("folder", raw, tmp_path / "dangling")
     with pytest.raises(InputError, match=r"no clip to write.*b\.npz \(0\.08 s"):
         save(tmp_path / "bad" / "b.npz", person(5))
         build("folder", tmp_path / "bad", target)
+
+
+def test_every_dropped_file_has_a_reason_that_helps(tmp_path):
+    """No file name said twice, no option that `data build` lacks, and one bad file does not stop the others."""
+    raw = tmp_path / "raw"
+    raw.mkdir()
+    save(raw / "good.npz", person())
+    save(raw / "slow.npz", person(40, fps=5.0))
+    save(raw / "x.y.npz", person(seed=1))
+    shutil.copy(raw / "x.y.npz", raw / "x.npz")
+    shutil.copy(raw / "x.y.npz", raw / "x.npz.npz")  # the stem of this one is the name of the one before
+    (raw / "x.bvh").write_text("HIERARCHY\nROOT")
+    (raw / "alone.amc").write_text(":FULLY-SPECIFIED\n")
+    (raw / "rate.bvh").write_text(
+        "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n"
+        "End Site\n{\nOFFSET 0 1 0\n}\n}\nMOTION\nFrames: 2\nFrame Time: 0\n0 0 0\n0 0 0\n"
+    )
+    corpus = build("folder", raw, tmp_path / "x.corpus")
+    reasons = {each.file: each.reason for each in corpus.dropped}
+    assert {clip.file for clip in corpus.clips} | set(reasons) == {path.name for path in raw.iterdir()}
+    for file, reason in reasons.items():
+        assert not reason.startswith(file) and str(tmp_path) not in reason and "--fps" not in reason, reason
+    assert "5 fps are too few" in reasons["slow.npz"] and "--splits" in reasons["slow.npz"]
+    assert "beside it, with the same name" in reasons["alone.amc"] and "--asf" not in reasons["alone.amc"]
+    assert reasons["rate.bvh"].startswith("line 13: ") and "--splits" in reasons["rate.bvh"]
+    assert "of the same name" in reasons["x.npz.npz"]
+
+
+def test_an_amc_takes_the_skeleton_of_its_own_name(tmp_path):
+    for name in ("walk.asf", "WALK_01.ASF", "other.asf"):
+        (tmp_path / name).touch()
+    assert asf_of(tmp_path / "walk_01.amc") == tmp_path / "WALK_01.ASF"
+    assert asf_of(tmp_path / "Walk_02.amc") == tmp_path / "walk.asf"
+    assert asf_of(tmp_path / "run.amc") is None
+
+
+@pytest.mark.parametrize("table", [b"file,subject,split,fps\n\xff", b"file,subject\na,b"], ids=["bytes", "columns"])
+def test_a_bad_cmu_csv_is_named(tmp_path, table):
+    (tmp_path / "01").mkdir()
+    (tmp_path / "01" / "01_01.amc").touch()
+    (tmp_path / "cmu.csv").write_bytes(table)
+    with pytest.raises(InputError, match=r"cmu\.csv.*not a table of trials"):
+        build("cmu", tmp_path, tmp_path / "x.corpus")
+
+
+def test_a_cmu_file_that_cannot_be_opened_is_dropped(tmp_path, monkeypatch):
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(cmu_reader, "_source", refused)
+    (tmp_path / "01_01.amc").write_text("x")
+    (found,) = cmu_reader.read(tmp_path)
+    assert found == Dropped("01_01.amc", "Permission denied")
+
+
+def test_one_trial_in_two_files_is_one_clip(cmu, tmp_path):
+    chosen(cmu, tmp_path, "16/16_11.amc")
+    (tmp_path / "cmu.csv").unlink()
+    shutil.copytree(tmp_path / "cmu" / "16", tmp_path / "cmu" / "again")
+    corpus = build("cmu", tmp_path, tmp_path / "x.corpus")
+    assert [clip.file for clip in corpus.clips] == ["16/16_11.amc"]
+    assert [each.file for each in corpus.dropped] == ["again/16_11.amc"]
 
 
 def test_commands(raw, tmp_path, capsys):
     target, sheet = tmp_path / "x.corpus", tmp_path / "poses.png"
     assert main(["data", "build", "folder", "--source", str(raw), "-o", str(target)]) == 0
     said = capsys.readouterr().out
-    assert "2 clips" in said and "broken.bvh: broken.bvh" in said
+    assert "2 clips" in said and "broken.bvh: line " in said
     assert main(["data", "build", "folder", "--source", str(raw), "-o", str(target)]) == 1
     assert "--force" in capsys.readouterr().err
     assert main(["data", "list", str(tmp_path)]) == 0

@@ -8,13 +8,17 @@ from __future__ import annotations
 import ast
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import nn
 
+from motionmend.corpus import ClipInfo
+from motionmend.corpus_writer import write_corpus
 from motionmend.models.network import Network
+from motionmend.motion import Motion, Skeleton
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,8 @@ class LineConfig:
     dropout: float = 0.0
     bad_at: int = -1
     """The step whose loss is not a number."""
+    hole_at: int = -1
+    """The step whose batch has NaN."""
     nap: float = 0.0
     """Seconds that each step sleeps, so that there is time to kill it."""
     sizes: tuple[int, ...] = (1, 2)
@@ -48,6 +54,8 @@ class Line(Network):
         given = positions[:, 0].reshape(len(positions), -1)
         # The last joint's y is the number of the frame: which samples came is told exactly.
         rows = {"given": given, "wanted": positions[:, 1, 0]}
+        if step == self.config.hole_at:
+            rows["wanted"] = rows["wanted"] * np.float32(np.nan)
         return rows | {"which": positions[:, 0, -1, 1], "chance": rng.random(len(given)) < 0.5}
 
     def loss(self, batch, step):
@@ -58,6 +66,27 @@ class Line(Network):
         if step == self.config.bad_at:
             error = error / 0
         return {"loss": error, "which": batch["which"], "chance": batch["chance"].float()}
+
+
+CLOUD = Skeleton.cloud(["one", "two", "frame"])
+
+
+def noisy_line(frames: int, seed: int) -> Motion:
+    """The first joint follows the frame before linearly, but for noise; the last one's height is the frame's number."""
+    rng = np.random.default_rng(seed)
+    positions = rng.normal(size=(frames, 3, 3))
+    rule = rng.normal(size=(6, 3))
+    for frame in range(1, frames):
+        positions[frame, 0] = 0.3 * positions[frame - 1, :2].ravel() @ rule + [1, -1, 2] + rng.normal(size=3) * 0.2
+    positions[:, 2] = [[0, frame, 0] for frame in range(frames)]
+    return Motion(positions.astype(np.float32), np.ones((frames, 3), bool), 30.0, CLOUD)
+
+
+def line_corpus(path: Path, frames: int = 120, seed: int = 0, fps: float = 30.0) -> Path:
+    motion = replace(noisy_line(frames, seed), fps=fps)
+    clips = [(ClipInfo(split, split=split), motion) for split in ("train", "validation")]
+    write_corpus(path, name=path.stem, fps=fps, skeleton=CLOUD, clips=clips)
+    return path
 
 
 def no_scores(network, corpus, settings, picture):
@@ -72,6 +101,16 @@ def settings(corpus, **options):
     from motionmend.training.config import settle
 
     return settle("toys:Line", Line, {"corpus": [str(corpus)], "checkpoint_minutes": 0, **options})
+
+
+def trained(folder: Path, corpus: Path, *, resume: bool = False, **options) -> dict[str, torch.Tensor]:
+    """Train in this process; all tensors of the last checkpoint."""
+    from motionmend.training import state
+    from motionmend.training.loop import train
+
+    status = train(settings(corpus, **options), folder, resume=resume, validate=no_scores, export=no_export)
+    assert status == 0
+    return state.load(folder / "last.safetensors")[0]
 
 
 if __name__ == "__main__":

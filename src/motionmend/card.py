@@ -6,21 +6,23 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from .checkpoints import span
+
 # Keys of the budget that have a line of their own in the card; all others are listed as they are.
 _TOLD = {"corpus": "Corpus", "licence": "Licence of the data", "credit": "Credit", "data sha256": "Data hash"}
+_ELSEWHERE = {*_TOLD, "validated by"}
 
 
-def write_card(facts: Mapping[str, Any], name: str) -> str:
+def write_card(facts: Mapping[str, Any], title: str) -> str:
     """The README.md of a checkpoint.
 
     Parameters
     ----------
     facts : what its `config.json` holds, save the hashes: network, space, fps, frames, skeleton, config, parameters,
         budget, validation, parity, …
-    name : the folder's.
+    title : the name it goes by.
     """
     network, budget, validation = facts["network"], facts["budget"], facts["validation"]
-    title = network if name == "export" else name
     licence = str(budget.get("licence", "")) or "unknown"
     front = {
         "license": "other", "license_name": licence, "library_name": "motionmend",
@@ -51,14 +53,14 @@ def write_card(facts: Mapping[str, Any], name: str) -> str:
         "The take may have any length, frame rate and rig in which motionmend finds a human body. Observed samples "
         "come back bit for bit.",
         "## Data",
-        _bullets({label: budget.get(key, "not told") for key, label in _TOLD.items()}),
+        _bullets({label: budget.get(key) or "not told" for key, label in _TOLD.items()}),
         "Who uses these weights is bound by the licence of the data.",
         "## Training",
-        _bullets({key: value for key, value in budget.items() if key not in _TOLD}) or "Not told.",
+        _training({key: value for key, value in budget.items() if key not in _ELSEWHERE}) or "Not told.",
         "Sizes and options of the network:",
         _bullets(facts["config"]) or "none",
         "## Results",
-        _table(validation) if validation else "It was not validated.",
+        _results(validation, budget.get("validated by", "")) if validation else "It was not validated.",
         "The graph's answers to real windows differ from those of the network in training by at most "
         f"{1000 * facts['parity']:.2g} mm.",
         "## Files",
@@ -80,6 +82,18 @@ def _bullets(values: Mapping[str, Any]) -> str:
     return "\n".join(f"- {key}: {_words(value)}" for key, value in values.items())
 
 
+def _training(values: dict[str, Any]) -> str:
+    """What training took, in the order of the budget; a step chosen by validation says so."""
+    steps, whole = values.get("steps"), values.pop("steps of the run", None)
+    if whole is not None and whole != steps:
+        values["steps"] = f"{_words(steps)}, the best by validation of a run of {_words(whole)}"
+    if isinstance(values.get("seconds"), int | float):
+        seconds = values["seconds"]
+        values = {("time" if key == "seconds" else key): value for key, value in values.items()}
+        values["time"] = f"{span(seconds)}, all of the run"
+    return _bullets(values)
+
+
 def _words(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(_words, value))
@@ -88,6 +102,8 @@ def _words(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
 
-def _table(values: Mapping[str, Any]) -> str:
+def _results(values: Mapping[str, Any], measured: str) -> str:
+    """A table of validation's numbers, below what they are."""
     rows = [f"| {metric} | {_words(value)} |" for metric, value in values.items()]
-    return "\n".join(["| validation | value |", "|---|---|", *rows])
+    table = "\n".join(["| validation | value |", "|---|---|", *rows])
+    return f"By {measured}.\n\n{table}" if measured else table

@@ -71,16 +71,18 @@ class Checkpoint:
 
     @property
     def name(self) -> str:
-        """As it is asked for: the folder's name, or that of the run whose export it is."""
-        return self.path.resolve().parent.name if self.path.name == "export" else self.path.resolve().name
+        """As it is asked for."""
+        return name_of(self.path)
 
     @property
     def summary(self) -> str:
         """The training in one phrase, for the footnote of a table."""
         told = self.budget
         steps = f"{told['steps']:,} steps" if isinstance(told.get("steps"), int) else ""
+        if steps and told.get("steps of the run", told["steps"]) != told["steps"]:
+            steps += f" (the best of {told['steps of the run']:,})"
         batch = f"of {told['batch']} windows" if told.get("batch") else ""
-        hours = f"in {told['seconds'] / 3600:.1f} h" if isinstance(told.get("seconds"), int | float) else ""
+        hours = f"in {span(told['seconds'])}" if isinstance(told.get("seconds"), int | float) else ""
         machine = f"on {told['machine']}" if told.get("machine") else ""
         corpus = f"({told['corpus']})" if told.get("corpus") else ""
         return " ".join(part for part in (steps, batch, hours, machine, corpus) if part)
@@ -103,17 +105,28 @@ def _data_folder() -> Path:
 
 
 def installed() -> list[Path]:
-    """The folders of all checkpoints that have a name, by name; of several with one name the one that is found."""
+    """The folders of all checkpoints that have a name, by name; of several with one name the one that is found.
+
+    A folder of training runs will do: each goes by its run's name.
+    """
     found: dict[str, Path] = {}
     for folder in folders():
-        for path in sorted(folder.glob(f"*/{CONFIG}")):
-            found.setdefault(path.parent.name, path.parent)
+        for each in sorted(folder.glob("[!.]*")):
+            for path in (each, each / "export"):
+                if (path / CONFIG).is_file():
+                    found.setdefault(name_of(path), path)
     return [found[name] for name in sorted(found)]
 
 
 def names() -> list[str]:
     """The names of all installed checkpoints."""
-    return [path.name for path in installed()]
+    return [name_of(path) for path in installed()]
+
+
+def name_of(path: Path) -> str:
+    """A checkpoint's name: its folder's, or that of the run whose export it is."""
+    path = Path(os.path.abspath(path))  # noqa: PTH100  not resolved: a link has the name that was given to it
+    return path.parent.name if path.name == "export" else path.name
 
 
 def find(name_or_path: str | os.PathLike) -> Path:
@@ -132,7 +145,7 @@ def find(name_or_path: str | os.PathLike) -> Path:
         raise InputError(f"this folder holds no {CONFIG}", where=path, expected=expected)
     if path.is_file():
         raise InputError("this is a file", where=path, expected="the checkpoint's folder")
-    known = {folder.name: folder for folder in installed()}
+    known = {name_of(folder): folder for folder in installed()}
     if str(name_or_path) in known:
         return known[str(name_or_path)]
     hint = "no network is installed; give a checkpoint's path"
@@ -206,3 +219,16 @@ def load_network(name_or_path: str | os.PathLike) -> Network:
     except (TypeError, RuntimeError) as error:
         raise InputError(f"{kind.name} does not fit these weights: {error}", where=checkpoint.path) from None
     return network.eval()
+
+
+def span(seconds: float) -> str:
+    """A time in words, with the two largest units: "2 h 10 min"."""
+    seconds = round(seconds)
+    minutes, hours = seconds // 60, seconds // 3600
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    if hours < 1:
+        return f"{minutes:.0f} min {seconds % 60:.0f} s"
+    if hours < 24:
+        return f"{hours:.0f} h {minutes % 60:.0f} min"
+    return f"{hours // 24:.0f} d {hours % 24:.0f} h"

@@ -32,9 +32,9 @@ class Benchmark:
     split: str = "test"
     """Which of its splits."""
     methods: str = "none,linear,hermite,cubic,pattern,rigid,auto,savgol,butterworth"
-    """Fills, filters, zero-velocity, nearest, installed networks, checkpoint folders; commas between them."""
+    """Fills, filters, zero-velocity, nearest, nearest-carried, networks, checkpoint folders; commas between them."""
     train_corpus: Folder = None
-    """Where `nearest` looks, in the split "train"; otherwise in the corpus itself."""
+    """Where `nearest` and `nearest-carried` look, in the split "train"; otherwise in the corpus itself."""
     seed: int = 0
     """Seed of the damage."""
     limit: Optional[int] = None

@@ -66,7 +66,7 @@ class List:
         for path in found(self.places):
             try:
                 rows.append(listed(Corpus.open(path)))
-            except InputError as error:
+            except (InputError, OSError) as error:
                 print(f"motionmend: {error}", file=sys.stderr)
                 bad = 1
         if not rows and not bad:
@@ -103,10 +103,14 @@ class Show:
             if sheet.exists() and not self.force:
                 hint = "choose another name, or overwrite it with --force"
                 raise InputError("the file exists", where=sheet, hint=hint)
-        print(described(corpus))
+        damage = corpus.damaged()
+        print(described(corpus, damage))
         if sheet is not None:
             write_whole(sheet, lambda temporary: draw_sheet(corpus, temporary))
             print(f"sheet:     {sheet}")
+        if damage:
+            hint = "build it again with `motionmend data build`"
+            raise InputError("this is not what was written: the data hash is another", where=corpus.path, hint=hint)
         return 0
 
 

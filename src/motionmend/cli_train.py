@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
@@ -90,11 +91,16 @@ class Models:
         from .checkpoints import folders, installed, load
 
         rows = [("name", "network", "window", "training", "folder")]
+        damaged = []
         for path in installed():
-            model = load(path)
+            try:
+                model = load(path)
+            except InputError as error:
+                damaged.append(error)
+                continue
             about = model.description
             rows.append((model.name, about.network, f"{about.frames} at {about.fps:g} fps", model.summary, str(path)))
-        if len(rows) > 1:
+        if len(rows) > 1 or damaged:
             widths = [max(map(len, column)) for column in zip(*rows)]
             for row in rows:
                 print("  ".join(word.ljust(width) for word, width in zip(row, widths)).rstrip())
@@ -102,4 +108,6 @@ class Models:
             print("no network is installed; looked in " + ", ".join(map(str, folders())))
         if NETWORKS:
             print("can be trained: " + ", ".join(NETWORKS))
-        return 0
+        for error in damaged:
+            print(f"motionmend: {error}", file=sys.stderr)
+        return 1 if damaged else 0

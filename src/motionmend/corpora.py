@@ -15,7 +15,8 @@ from statistics import median
 import numpy as np
 
 from .body import BODY, map_rig, stature, to_body
-from .corpus import SPLITS, Clip, ClipInfo, Corpus, Dropped, refuse_target, write_corpus
+from .corpus import SPLITS, Clip, ClipInfo, Corpus, Dropped
+from .corpus_writer import refuse_target, write_corpus
 from .datasets import DATASETS, Raw, folder
 from .errors import InputError
 from .footing import ground, leg_length
@@ -24,6 +25,7 @@ from .progress import Stage, silent
 from .windows import resample
 
 SHORTEST = 0.2  # seconds; less is no motion
+SLOWEST = 10  # frames per second in the file; between fewer there is no motion to learn, only what a curve makes up
 STATURES = 0.8, 2.5  # metres, within which people are
 SAME_LEGS = 0.03  # share by which the legs of one figure may differ between its takes
 NEAR = 0.15  # metres off y = 0 at which the feet may stand before the file's floor is no longer believed
@@ -82,7 +84,7 @@ def build(
         raise InputError(f"a rate of {fps:g} fps", expected="frames per second above 0, such as 60")
     if not source.is_dir():
         found = "no such folder" if not source.exists() else "this is a file"
-        raise InputError(found, where=source, expected=f"the folder with the files of {dataset}")
+        raise InputError(found, where=source, expected="a folder with the data set's files")
     refuse_target(target, force)
     module_name, function = DATASETS[dataset].split(":")
     module = importlib.import_module(module_name, f"{__package__}.datasets")
@@ -147,6 +149,7 @@ def _prepared(
 ) -> Iterator[Prepared]:
     """The takes that can be clips; the others are added to `dropped`, and so are rows of the table that no take has."""
     listed = set(table)
+    names: dict[str, str] = {}
     skeleton = None
     for raw in raws:
         listed.discard(raw.file)
@@ -154,10 +157,13 @@ def _prepared(
             if row := table.get(raw.file):
                 raw = replace(raw, split=row.split, subject=raw.subject if row.subject is None else row.subject)
             try:
+                if raw.name in names:
+                    raise InputError(f"{names[raw.name]} is a clip of the same name, {raw.name}")
                 clip = _prepare(raw, fps, native)
                 skeleton = skeleton or clip.motion.skeleton
                 if clip.motion.skeleton != skeleton:
                     raise InputError(f"its {len(clip.motion.skeleton)} joints are not those of the first take")
+                names[raw.name] = raw.file
                 yield clip
             except InputError as error:
                 dropped.append(Dropped(raw.file, str(error)))
@@ -177,6 +183,9 @@ def _prepare(raw: Raw, fps: float, native: bool) -> Prepared:
     body = to_body(motion, mapping)
     if motion.seconds < SHORTEST:
         raise InputError(f"{motion.seconds:.2f} s are too short; expected at least {SHORTEST} s")
+    if motion.fps < SLOWEST:
+        hint = "if that is not its true rate, name that in the column fps of a table for --splits"
+        raise InputError(f"{motion.fps:.3g} fps are too few; expected at least {SLOWEST}", hint=hint)
     tall = stature(motion.skeleton, np.where(motion.observed[..., None], motion.positions, np.nan))
     if tall is not None and not STATURES[0] <= tall <= STATURES[1]:
         raise InputError(f"the person would be {tall:.3g} m tall; the unit is wrong")
@@ -251,8 +260,8 @@ def listed(corpus: Corpus) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def described(corpus: Corpus) -> str:
-    """All that can be told of a corpus in text, and whether its arrays are as they were written: reads them all."""
+def described(corpus: Corpus, damage: str = "") -> str:
+    """All that can be told of a corpus in text. damage : what `Corpus.damaged` has found."""
     clips, names = corpus.clips, corpus.skeleton.names
     seen = np.sum([corpus.observed[clip.start : clip.stop].sum(axis=0) for clip in clips], axis=0)
     never = [name for name, count in zip(names, seen) if not count]
@@ -273,7 +282,7 @@ def described(corpus: Corpus) -> str:
         f"ground:    {_grounds(clips)}",
         f"licence:   {_licences(corpus)}",
         f"credit:    {corpus.credit or 'none known'}",
-        f"data hash: {corpus.sha256}, {corpus.damaged() or 'and the arrays have it'}",
+        f"data hash: {corpus.sha256}, {damage or 'and the arrays have it'}",
         "notes:",
         *(f"  {count:>5}  {note}" for note, count in _notes(clips)),
         told_dropped(corpus),

@@ -24,7 +24,7 @@ import torch
 
 from . import __version__
 from .card import write_card
-from .checkpoints import CARD, CONFIG, GRAPH, VERSION, WEIGHTS, Description, sha256
+from .checkpoints import CARD, CONFIG, GRAPH, VERSION, WEIGHTS, Description, name_of, sha256
 from .errors import InputError
 from .models import NETWORKS
 from .models.network import Network
@@ -94,7 +94,7 @@ def export(
                        for each in model.graph.input},
             "budget": budget or {}, "validation": validation or {}, "parity": difference, "motionmend": __version__,
         }  # fmt: skip
-        (aside / CARD).write_text(write_card(facts, target.name), encoding="utf-8")
+        (aside / CARD).write_text(write_card(facts, name_of(target)), encoding="utf-8")
         facts["sha256"] = {name: sha256(aside / name) for name in (GRAPH, WEIGHTS, CARD)}
         (aside / CONFIG).write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         _put(aside, target)

@@ -16,6 +16,7 @@ CLIPS, POSES, COLUMNS = 4, 6, 2  # clips of a split, poses of a clip, clips side
 WIDTH, ABOVE, BELOW = 1.3, 2.1, 0.25  # metres of the sheet for one pose: across, above the ground, below it
 SPAN = (POSES - 0.5) * WIDTH
 INCH = 13 / (COLUMNS * POSES * WIDTH)  # inches on paper for a metre
+LONGEST = 40  # characters of a clip's name that there is room for
 TURN = np.radians(40)  # seen from the front, and so much from the side
 
 
@@ -84,7 +85,9 @@ def _strip(axes, poses: list[tuple[float, Motion]], clip: Clip, seconds: float, 
                       ha="center", va="top", fontsize=7.5, color=TRUNK)  # fmt: skip
     said = [clip.split or "no split", *([clip.rig] if clip.rig else []), f"{seconds:.1f} s"]
     said += [f"ground moved by {-clip.floor:+.2f} m"] * (abs(clip.floor) >= 0.005)
-    axes.set_title(f"{clip.name}   " + " · ".join(said), loc="left", fontsize=9, color=TRUNK)
+    name = clip.name if len(clip.name) <= LONGEST else "…" + clip.name[1 - LONGEST :]
+    name = name.replace("$", r"\$").encode(errors="replace").decode()  # no formulas, and what is not UTF-8 as "?"
+    axes.set_title(f"{name}   " + " · ".join(said), loc="left", fontsize=9, color=TRUNK)
     axes.set_xlim(-WIDTH / 2, SPAN)
     axes.set_ylim(-BELOW, top)
     axes.set_aspect("equal")

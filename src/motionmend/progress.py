@@ -9,6 +9,8 @@ from contextlib import contextmanager
 
 Stage = Callable[[str], None]
 
+QUIET_SECONDS = 5.0
+
 
 def silent(_: str) -> None:
     """A Stage that says nothing."""
@@ -18,10 +20,10 @@ def silent(_: str) -> None:
 def following(name: str) -> Iterator[Stage]:
     """Yields a function to call with what is done next ("reading", "filling 3 of 12", …).
 
-    On a terminal one line shows it with the time; elsewhere a line is printed only once work has gone on
-    for some seconds, so that logs of quick work stay quiet.
+    On a terminal one line shows it with the time; elsewhere a line is printed every few seconds at most, so that
+    logs of quick work stay quiet and those of long work short.
     """
-    began = time.monotonic()
+    began = said = time.monotonic()
     if sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -33,7 +35,9 @@ def following(name: str) -> Iterator[Stage]:
         return
 
     def line(what: str) -> None:
-        if (spent := time.monotonic() - began) > 5:
-            print(f"{name}: {what} ({spent:.0f} s)", file=sys.stderr, flush=True)
+        nonlocal said
+        if (now := time.monotonic()) - said > QUIET_SECONDS:
+            print(f"{name}: {what} ({now - began:.0f} s)", file=sys.stderr, flush=True)
+            said = now
 
     yield line

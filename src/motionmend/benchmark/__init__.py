@@ -68,7 +68,7 @@ def run(
     methods : names (see `methods.find`) or Methods.
     out : the folder for results.json, table.md, runtime.json and figures; None writes nothing.
     limit : at most so many windows, spread evenly, for a quick look.
-    train_corpus : whose split "train" "nearest" looks in; the corpus's own if None.
+    train_corpus : whose split "train" "nearest" and "nearest-carried" look in; the corpus's own if None.
     force : replace results in a folder that is there.
 
     Raises

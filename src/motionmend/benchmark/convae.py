@@ -17,33 +17,32 @@ the root's zero error (a factor of 21/22), here the world positions are damaged 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import metrics
+from .. import damage, metrics
 from ..body import BODY, JOINT, facing
 from ..corpus import Corpus
-from ..errors import InputError
 from ..motion import Motion
 from ..progress import Stage, silent
 from ..rotations import normalised
 from . import quality
+from .figures import box_figure, stem
 from .methods import Method
 from .results import TRUTH, Cell, Protocol, evenly
+from .trials import Harm, Means, Trial, announced, missing, noisy, played, whole_windows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = np.ndarray
-Rng = np.random.Generator
 
 BODY_LOCAL, WORLD = "3D error, body-local", "3D error, world"
 LOST_ONLY = "3D error of the lost samples, world"
 STRIDE = 120  # frames between windows, as the paper's own are cut
-GAPS = (0, 60, 120)  # frames
+GAPS = {0: "any", 60: "fill", 120: "fill"}  # frames, and what methods do
 SAMPLED = 400  # windows for noise and dropout
 NOISES = (0.0625, 0.09375)  # metres per axis: sigma = 1.0 and 1.5 in data units of 6.25 cm
 DROPOUTS = (0.3, 0.5)
@@ -58,9 +57,10 @@ BONES = {  # figure 5: the bone that ends in
     "right foot": "right_toe", "spine": "chest", "right forearm": "right_hand",
 }  # fmt: skip
 PERCENTILES = (5, 25, 50, 75, 95)
-BONE_TASK = "bone lengths, "
+BONE_TASKS = {"0 frames": "bone lengths, whole window", "120 frames": "bone lengths, gap of 120 frames"}  # of infilling
 ROOT_SIGMA, HEADING_SIGMA = 3.0, 20.0  # frames, of the Gaussians that smooth root path and heading (authors' code)
 BATCH = 64
+EVERYONE = range(len(BODY))
 
 PROTOCOL = Protocol(
     name="convae",
@@ -86,51 +86,10 @@ PROTOCOL = Protocol(
     spread=True,
 )  # fmt: skip
 
-Damage = Callable[[Array, Rng], tuple[Array, Array, Array]]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One column of one table.
-
-    starts, frames : its windows.
-    damage : `(positions (B, T, J, 3), rng) -> (damaged positions, hidden (B, T, J), judged (B, T, J))`.
-    does : "fill"; "restore" for methods that rewrite; "raw", which restores where a method can do both;
-    "any", which restores where it can, and otherwise fills.
-    bones : whether to look at the lengths of BONES.
-    """
-
-    task: str
-    setting: str
-    starts: Array
-    frames: int
-    damage: Damage
-    does: str = "fill"
-    bones: bool = False
-
-    def doing(self, method: Method):
-        """The method's function for this trial, or None."""
-        if self.does == "any":
-            return method.restore or method.fill
-        if self.does == "raw":
-            return method.restore if method.fill and method.restore else method.fill
-        return getattr(method, self.does)
-
 
 def starts(corpus: Corpus, split: str, limit: int | None = None) -> Array:
-    """The windows `(W,)` of tables 1 and 2.
-
-    Raises
-    ------
-    InputError : if the split has no whole window of 240 frames.
-    """
-    found = corpus.starts(split, PROTOCOL.frames, STRIDE, whole=True)
-    if not len(found):
-        raise InputError(
-            f"no window of {PROTOCOL.frames} frames in the split {split!r}", where=corpus.path,
-            hint="its clips are too short, or joints are missing everywhere",
-        )  # fmt: skip
-    return evenly(found, limit)
+    """The windows `(W,)` of tables 1 and 2; InputError as `trials.whole_windows`."""
+    return whole_windows(corpus, split, PROTOCOL.frames, STRIDE, limit)
 
 
 def trials(corpus: Corpus, split: str, seed: int = 0, limit: int | None = None) -> list[Trial]:
@@ -140,31 +99,30 @@ def trials(corpus: Corpus, split: str, seed: int = 0, limit: int | None = None) 
     ------
     InputError : for a corpus of other joints than BODY's, or without a whole window of 240 frames.
     """
-    if corpus.skeleton != BODY:
-        raise InputError("its joints are not BODY's", where=corpus.path, hint="build it without --native")
-
     frames, windows = PROTOCOL.frames, starts(corpus, split, limit)
     drawn = np.sort(np.random.default_rng(seed).permutation(windows)[:SAMPLED])
     found = [
-        Trial("infilling", _frames(gap), windows, frames, missing(gap), "fill" if gap else "any", bones=gap != GAPS[1])
+        Trial("infilling", _frames(gap), windows, frames, missing(EVERYONE, gap, everywhere=not gap), GAPS[gap])
         for gap in GAPS
     ]
     found += [Trial("noise", f"{sigma * 1000:g} mm", drawn, frames, noisy(sigma), "restore") for sigma in NOISES]
     found += [Trial("dropout", f"{share:.0%}", drawn, frames, dropped(share), "raw") for share in DROPOUTS]
-    found += [Trial("joints lost", name, drawn, frames, lost(joints), "raw") for name, joints in LOST.items()]
+    for name, joints in LOST.items():
+        lost = missing([JOINT[joint] for joint in joints], frames, everywhere=True)
+        found.append(Trial("joints lost", name, drawn, frames, lost, "raw"))
     longest = max(SWEPT_GAPS) + 2 * SEED_FRAMES
     swept = evenly(corpus.starts(split, longest, STRIDE, whole=True), limit)
-    found += [_sweep("gap length", _frames(gap), swept, longest, gap, SEED_FRAMES) for gap in SWEPT_GAPS]
+    found += [_sweep("gap length", swept, longest, gap, SEED_FRAMES, _frames(gap)) for gap in SWEPT_GAPS]
     longest = CONTEXT_GAP + 2 * max(CONTEXTS)
     swept = evenly(corpus.starts(split, longest, STRIDE, whole=True), limit)
-    found += [_sweep("context", _frames(known), swept, longest, CONTEXT_GAP, known) for known in CONTEXTS]
+    found += [_sweep("context", swept, longest, CONTEXT_GAP, known, _frames(known)) for known in CONTEXTS]
     return [trial for trial in found if len(trial.starts)]
 
 
-def _sweep(task: str, setting: str, windows: Array, longest: int, gap: int, known: int) -> Trial:
+def _sweep(task: str, windows: Array, longest: int, gap: int, known: int, setting: str) -> Trial:
     """The middle of longer windows, so that every column has its gap around the same moments."""
     frames = gap + 2 * known
-    return Trial(task, setting, windows + (longest - frames) // 2, frames, missing(gap))
+    return Trial(task, setting, windows + (longest - frames) // 2, frames, missing(EVERYONE, gap))
 
 
 def measure(
@@ -186,12 +144,11 @@ def measure(
     InputError : as `trials`.
     """
     del train
-    cells, todo = [], trials(corpus, split, seed, limit)
-    for number, trial in enumerate(todo):
-        stage(f"{trial.task}, {trial.setting} ({number + 1} of {len(todo)})")
+    cells = []
+    for trial in announced(trials(corpus, split, seed, limit), stage):
         for name, tally in measure_trial(trial, corpus, methods, seed).items():
             cells += tally.cells(trial, name)
-    return cells
+    return sorted(cells, key=lambda cell: cell.task in BONE_TASKS.values())  # bones after errors
 
 
 def quick(method: Method, corpus: Corpus, split: str, *, windows: int, seed: int = 0) -> dict[str, float]:
@@ -212,33 +169,29 @@ def quick(method: Method, corpus: Corpus, split: str, *, windows: int, seed: int
 def measure_trial(
     trial: Trial, corpus: Corpus, methods: Sequence[Method], seed: int, judge_quality: bool = True
 ) -> dict[str, Tally]:
-    """What each method that can do the trial scored, by its name, and the truth's own quality under TRUTH.
-
-    All trials of one seed draw the same numbers, so that columns differ by their size and not by luck.
-    """
-    able = [(method.name, do) for method in methods if (do := trial.doing(method)) is not None]
-    tallies = {TRUTH: Tally()} | {name: Tally() for name, _ in able}
-    rng = np.random.default_rng(seed)
-    for first in range(0, len(trial.starts), BATCH):
-        truth, seen = corpus.windows(trial.starts[first : first + BATCH], trial.frames)
-        damaged, hidden, judged = trial.damage(truth, rng)
-        hidden, judged = hidden & seen, judged & seen
-        damaged = np.where(hidden[..., None], np.float32(np.nan), damaged)
-        poses = body_local(truth)
-        for name, do in [(TRUTH, None), *able]:
-            guess = truth if do is None else do(damaged, seen & ~hidden, corpus.fps, corpus.skeleton)
-            guess, tally = np.where(seen[..., None], guess, np.float32(np.nan)), tallies[name]
-            if do is not None:
+    """What each method that can do the trial scored, by its name, and the truth's own quality under TRUTH."""
+    tallies: dict[str, Tally] = {}
+    for block in played(trial, corpus, methods, seed, BATCH):
+        truth, judged, poses = block.truth, block.judged, body_local(block.truth)
+        standing = quality.contacts(truth, corpus.fps, BODY) if judge_quality else None
+        for name, guess in block.guesses.items():
+            tally = tallies.setdefault(name, Tally())
+            if name != TRUTH:
                 tally.add(BODY_LOCAL, metrics.distances(poses, body_local(guess))[judged] * 100)
                 apart = metrics.distances(truth, guess) * 100
                 tally.add(WORLD, apart[judged])
                 if trial.does == "raw":
-                    tally.add(LOST_ONLY, apart[hidden])
+                    tally.add(LOST_ONLY, apart[block.hidden])
             if judge_quality:
-                tally.add_quality(quality.measure(truth, guess, judged, corpus.fps, corpus.skeleton))
-            if trial.bones:
+                tally.quality.add(quality.measure(truth, guess, judged, corpus.fps, BODY, standing))
+            if _bone_task(trial):
                 tally.add_bones(truth, guess, judged)
     return tallies
+
+
+def _bone_task(trial: Trial) -> str | None:
+    """The task under which a trial's bone lengths are told, if it looks at them."""
+    return BONE_TASKS.get(trial.setting) if trial.task == "infilling" else None
 
 
 class Tally:
@@ -246,18 +199,11 @@ class Tally:
 
     def __init__(self):
         self.errors: dict[str, metrics.Moments] = {}
-        self.quality: dict[str, list[float]] = {}
+        self.quality = Means()
         self.lengths: dict[str, list[Array]] = {}
 
     def add(self, name: str, errors: Array) -> None:
         self.errors.setdefault(name, metrics.Moments()).add(errors)
-
-    def add_quality(self, values: dict[str, tuple[float, int]]) -> None:
-        """Means with their weights, of some more windows."""
-        for name, (value, weight) in values.items():
-            total = self.quality.setdefault(name, [0.0, 0.0])
-            total[0] += value * weight
-            total[1] += weight
 
     def add_bones(self, truth: Array, guess: Array, judged: Array) -> None:
         """The lengths of BONES at the judged samples, in per cent of the true ones."""
@@ -265,8 +211,9 @@ class Tally:
         for bone, end in BONES.items():
             joint = JOINT[end]
             here = judged[..., joint] & (true[..., joint] > 0)
-            shares = 100 * guessed[..., joint][here] / true[..., joint][here]
-            self.lengths.setdefault(bone, []).append(shares.astype(np.float32))
+            if here.any():  # some rigs have no toes
+                shares = 100 * guessed[..., joint][here] / true[..., joint][here]
+                self.lengths.setdefault(bone, []).append(shares.astype(np.float32))
 
     def cells(self, trial: Trial, method: str) -> Iterator[Cell]:
         """All that is known; a method that left samples empty has errors of NaN, and nothing else to be judged by."""
@@ -274,11 +221,11 @@ class Tally:
             yield Cell(trial.task, trial.setting, method, name, float(moments.mean), float(moments.std), PROTOCOL.unit)
         if any(np.isnan(moments.mean) for moments in self.errors.values()):
             return
-        for name, (total, weight) in self.quality.items():
-            yield Cell(trial.task, trial.setting, method, name, total / weight, None, quality.UNITS[name])
+        for name, value in self.quality.values().items():
+            yield Cell(trial.task, trial.setting, method, name, value, None, quality.UNITS[name])
+        task = _bone_task(trial) or ""
         for bone, parts in self.lengths.items():
             for share, value in zip(PERCENTILES, np.percentile(np.concatenate(parts), PERCENTILES)):
-                task = f"{BONE_TASK}{'whole window' if trial.setting == _frames(0) else 'gap of ' + trial.setting}"
                 yield Cell(task, f"{share}th percentile", method, bone, float(value), None, "%")
 
 
@@ -304,80 +251,28 @@ def body_local(positions: Array) -> Array:
 
 def figures(cells: Sequence[Cell]) -> dict[str, Figure]:
     """Box plots of bone lengths by the cells' percentiles, as figure 5: one PNG a task, in place of its lines."""
-    from matplotlib.figure import Figure
-
     drawn = {}
-    for task in dict.fromkeys(cell.task for cell in cells if cell.task.startswith(BONE_TASK)):
-        found = {(cell.method, cell.metric, cell.setting): cell.value for cell in cells if cell.task == task}
-        names = list(dict.fromkeys(name for name, _, _ in found if name != TRUTH))
-        figure = Figure(figsize=(11, 4.5), layout="constrained")
-        axes = figure.subplots()
-        handles, width = [], 0.8 / max(len(names), 1)
-        for number, name in enumerate(names):
-            boxes = []
-            for bone in BONES:
-                low, q1, median, q3, high = (found[name, bone, f"{share}th percentile"] for share in PERCENTILES)
-                boxes.append({"whislo": low, "q1": q1, "med": median, "q3": q3, "whishi": high, "fliers": []})
-            places = np.arange(len(BONES)) + (number - (len(names) - 1) / 2) * width
-            plot = axes.bxp(boxes, positions=places, widths=0.8 * width, patch_artist=True, showfliers=False,
-                            boxprops={"facecolor": f"C{number}"}, medianprops={"color": "black"})  # fmt: skip
-            handles.append(plot["boxes"][0])
-        axes.axhline(100, color="gray", linewidth=0.8, zorder=0)
-        axes.set_xticks(range(len(BONES)), list(BONES))
-        axes.set_ylabel("length, % of the true one")
-        axes.set_title(f"{task}: median, quartiles, 5th and 95th percentile")
-        axes.legend(handles, names, ncols=min(len(names), 7), fontsize="small")
-        drawn[task.replace(",", "").replace(" ", "_")] = figure
+    for task in BONE_TASKS.values():
+        found = {(c.method, c.metric, c.setting): c.value for c in cells if c.task == task and c.method != TRUTH}
+        bones = list(dict.fromkeys(bone for _, bone, _ in found))
+        rows = {
+            name: [[found[name, bone, f"{share}th percentile"] for share in PERCENTILES] for bone in bones]
+            for name in dict.fromkeys(name for name, _, _ in found)
+        }
+        if rows:
+            title = f"{task}: median, quartiles, 5th and 95th percentile"
+            drawn[stem(task)] = box_figure(title, rows, bones, "length, % of the true one", 100)
     return drawn
 
 
-# Damage -----------------------------------------------------------------------------------------------------
+def dropped(share: float) -> Harm:
+    """Each joint of each frame lost with this probability, on its own; all is judged."""
 
-
-def missing(gap: int) -> Damage:
-    """Every joint lost for so many frames in the middle, which are judged; nothing lost and all judged for 0."""
-
-    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
-        del rng
-        hidden = np.zeros(positions.shape[:3], bool)
-        start = (positions.shape[1] - gap) // 2
-        hidden[:, start : start + gap] = True
-        return positions, hidden, hidden if gap else ~hidden
-
-    return damage
-
-
-def noisy(sigma: float) -> Damage:
-    """Gaussian noise of `sigma` metres on each coordinate of every joint."""
-
-    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
-        noise = rng.standard_normal(positions.shape, np.float32) * np.float32(sigma)
-        nowhere = np.zeros(positions.shape[:3], bool)
-        return positions + noise, nowhere, ~nowhere
-
-    return damage
-
-
-def dropped(share: float) -> Damage:
-    """Each joint of each frame lost with this probability, on its own."""
-
-    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
-        hidden = rng.random(positions.shape[:3], np.float32) < share
+    def drop(positions: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        hidden = damage.dropouts(positions.shape[:3], share, rng)
         return positions, hidden, np.ones_like(hidden)
 
-    return damage
-
-
-def lost(joints: Sequence[str]) -> Damage:
-    """Some joints lost in all frames."""
-
-    def damage(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
-        del rng
-        hidden = np.zeros(positions.shape[:3], bool)
-        hidden[:, :, [JOINT[joint] for joint in joints]] = True
-        return positions, hidden, np.ones_like(hidden)
-
-    return damage
+    return drop
 
 
 def _frames(count: int) -> str:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from .results import TRUTH, Cell, Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = 4
 TRUTH_COLOUR = "#8a94a0"
@@ -24,16 +30,16 @@ def draw(results: Results, folder: Path) -> list[str]:
     for task in dict.fromkeys(cell.task for cell in results.cells):
         cells = [cell for cell in results.cells if cell.task == task]
         if len({cell.setting for cell in cells}) > 1:
-            figures[_stem(task)] = task_figure(task, cells, names)
+            figures[stem(task)] = task_figure(task, cells, names)
     figures |= results.extra
-    for stem, figure in figures.items():
+    for name, figure in figures.items():
         FigureCanvasAgg(figure)
         # Without "Software" the bytes do not hang on matplotlib's version number.
-        figure.savefig(folder / f"{stem}.png", dpi=DPI, metadata={"Software": None})
-    return [f"{stem}.png" for stem in figures]
+        figure.savefig(folder / f"{name}.png", dpi=DPI, metadata={"Software": None})
+    return [f"{name}.png" for name in figures]
 
 
-def task_figure(task: str, cells: Sequence[Cell], names: Sequence[str]):
+def task_figure(task: str, cells: Sequence[Cell], names: Sequence[str]) -> Figure:
     """Lines over the settings, one a method, a panel a metric. A line far above the others leaves the panel."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -73,5 +79,33 @@ def task_figure(task: str, cells: Sequence[Cell], names: Sequence[str]):
     return figure
 
 
-def _stem(task: str) -> str:
+def box_figure(
+    title: str, rows: Mapping[str, Sequence[Sequence[float]]], columns: Sequence[str], label: str, level: float
+) -> Figure:
+    """Boxes over the columns, one a method: `rows` has whisker, quartile, median, quartile, whisker of each column.
+
+    label : of the y axis. level : where a line is drawn across.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    axes = figure.subplots()
+    handles, width = [], 0.8 / len(rows)
+    parts = "whislo", "q1", "med", "q3", "whishi"
+    for number, row in enumerate(rows.values()):
+        boxes = [dict(zip(parts, box)) | {"fliers": []} for box in row]
+        places = np.arange(len(columns)) + (number - (len(rows) - 1) / 2) * width
+        plot = axes.bxp(boxes, positions=places, widths=0.8 * width, patch_artist=True, showfliers=False,
+                        boxprops={"facecolor": f"C{number}"}, medianprops={"color": "black"})  # fmt: skip
+        handles.append(plot["boxes"][0])
+    axes.axhline(level, color="gray", linewidth=0.8, zorder=0)
+    axes.set_xticks(range(len(columns)), columns)
+    axes.set_ylabel(label)
+    axes.set_title(title)
+    axes.legend(handles, rows, ncols=min(len(rows), 7), fontsize="small")
+    return figure
+
+
+def stem(task: str) -> str:
+    """The name of a task's figure."""
     return re.sub(r"[^a-z0-9]+", "_", task.lower()).strip("_")

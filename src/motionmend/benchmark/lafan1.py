@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +17,7 @@ import numpy as np
 
 from .. import io
 from ..curves import CURVES
+from ..datasets.lafan1 import opened
 from ..errors import InputError
 from ..metrics import Moments
 from ..metrics_rotation import l2p, l2q, npss_mean, npss_terms
@@ -239,18 +238,15 @@ def _takes(source: Path, subjects: set[int], stage: Stage) -> Iterator[tuple[int
         return
     if not source.is_file():
         raise InputError("no such file or folder", where=source, expected="lafan1.zip, or a folder of its BVH files")
-    try:
-        with zipfile.ZipFile(source) as archive, tempfile.TemporaryDirectory() as folder:
-            for name in sorted(archive.namelist()):
-                path = Path(folder) / Path(name).name
-                if (subject := _subject(path.name)) in subjects:
-                    stage(f"reading {path.name}")
-                    with archive.open(name) as packed, path.open("wb") as file:
-                        shutil.copyfileobj(packed, file)
-                    yield subject, io.load(path, unit="cm", up="y")
-                    path.unlink()
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:  # RuntimeError: it wants a password
-        raise InputError(f"not a ZIP archive that can be read: {error}", where=source) from None
+    with opened(source) as archive, tempfile.TemporaryDirectory() as folder:
+        for name in sorted(archive.namelist()):
+            path = Path(folder) / Path(name).name
+            if (subject := _subject(path.name)) in subjects:
+                stage(f"reading {path.name}")
+                with archive.open(name) as packed, path.open("wb") as file:
+                    shutil.copyfileobj(packed, file)
+                yield subject, io.load(path, unit="cm", up="y")
+                path.unlink()
 
 
 def _subject(name: str) -> int:

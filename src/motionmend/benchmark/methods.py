@@ -47,9 +47,9 @@ class Method:
 
 
 def find(name: str, train: Corpus | None = None) -> Method:
-    """The method of this name: one of BUILTIN, "nearest", an installed network, or the path of a checkpoint folder.
+    """The method of this name: one of BUILTIN or NEAREST, an installed network, or the path of a checkpoint folder.
 
-    train : in whose split "train" NEAREST looks.
+    train : in whose split "train" those of NEAREST look.
 
     Raises
     ------
@@ -57,14 +57,14 @@ def find(name: str, train: Corpus | None = None) -> Method:
     """
     if name in BUILTIN:
         return BUILTIN[name]()
-    if name == NEAREST:
-        from .neighbours import nearest
+    if name in NEAREST:
+        from . import neighbours
 
-        return nearest(train)
+        return getattr(neighbours, NEAREST[name])(train)
     from .. import checkpoints
 
     if not Path(name).exists() and os.sep not in name and name not in checkpoints.names():
-        names = [*BUILTIN, NEAREST, *checkpoints.names()]
+        names = [*BUILTIN, *NEAREST, *checkpoints.names()]
         raise InputError(f"unknown method {name!r}", hint=nearest_names(name, names))
     from ..networks import load_completer
 
@@ -203,7 +203,7 @@ _ABOUT = {
     "zero-velocity": "holds the last pose",
 }
 
-NEAREST = "nearest"  # neighbours.nearest, which needs a training corpus
+NEAREST = {"nearest": "nearest", "nearest-carried": "carried"}  # of neighbours, which need a training corpus
 
 BUILTIN: dict[str, Callable[[], Method]] = {
     "none": _none,

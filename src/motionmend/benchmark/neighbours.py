@@ -15,6 +15,7 @@ from ..corpus import Corpus
 from ..errors import InputError
 from ..motion import Motion
 from .methods import Method
+from .trials import no_window, whole_windows
 
 Array = np.ndarray
 
@@ -114,10 +115,8 @@ class Neighbours:
         ------
         InputError : if the corpus has other joints than BODY's, or no whole window.
         """
-        if corpus.skeleton != BODY:
-            raise InputError("its joints are not BODY's", where=corpus.path, hint="build it without --native")
+        every = whole_windows(corpus, split, frames, stride)
         starts, places, forwards, poses, paths = [], [], [], [], []
-        every = corpus.starts(split, frames, stride, whole=True)
         for first in range(0, len(every), BLOCK):
             some = every[first : first + BLOCK]
             positions, observed = corpus.windows(some, frames)
@@ -130,7 +129,7 @@ class Neighbours:
             poses.append(seen[:, 0].copy())
             paths.append(seen[:, STEP::STEP].copy())
         if not sum(map(len, starts)):
-            raise InputError(f"no whole window of {frames} frames in split {split!r}", where=corpus.path)
+            raise no_window(corpus, split, frames)
         starts, places, forwards, poses, paths = map(np.concatenate, (starts, places, forwards, poses, paths))
         return cls(corpus, frames, starts, Stand(places, forwards), poses, paths)
 

@@ -37,11 +37,11 @@ def tables(cells: Sequence[Cell], rows: Sequence[str], protocol: Protocol) -> li
 
 
 def table(cells: Sequence[Cell], rows: Sequence[str], protocol: Protocol) -> str:
-    """One table. A method that cannot do the task has dashes; rows that were not asked for (truth) come first."""
+    """One table. A method that cannot do the task has dashes; rows not asked for come first, the truth last."""
     by_place = {(cell.method, cell.setting): cell for cell in cells}
     settings = list(dict.fromkeys(cell.setting for cell in cells))
-    own = [cell.method for cell in cells if cell.method not in rows]
-    names = [*dict.fromkeys(own), *rows]
+    own = dict.fromkeys(cell.method for cell in cells if cell.method not in rows)
+    names = [*(name for name in own if name != TRUTH), *rows, *(name for name in own if name == TRUTH)]
     decimals = max(decimals_for([cell.value for cell in cells]), int(cells[0].unit == "%"))  # those are all near 100
     bold = {each: best([cell for cell in cells if cell.setting == each], protocol, decimals) for each in settings}
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from ..body import BODY, JOINT
 from ..corpus import Corpus
-from ..errors import InputError
 from ..metrics_sampling import SampleScores, bone_stretch, control_error, displacements, flattened
 from ..progress import Stage, silent
 from . import quality
 from .methods import Method
 from .results import TRUTH, Cell, Protocol, evenly
+from .trials import Means, no_window, whole_windows
 
 Array = np.ndarray
 
@@ -70,16 +70,11 @@ def starts(corpus: Corpus, split: str, limit: int | None = None) -> Array:
 
 def _whole(corpus: Corpus, split: str) -> tuple[Array, Array]:
     """All windows of a split: first frames `(W,)` and positions `(W, 1 + T, J, 3)`."""
-    if corpus.skeleton != BODY:
-        raise InputError("its joints are not BODY's", where=corpus.path, hint="build it without --native")
-    found = corpus.starts(split, PROTOCOL.frames, STRIDE, whole=True)
+    found = whole_windows(corpus, split, PROTOCOL.frames, STRIDE)
     positions, observed = corpus.windows(found, PROTOCOL.frames)
     whole = observed.all(axis=(1, 2))
     if not whole.any():
-        raise InputError(
-            f"no whole window of {PROTOCOL.frames} frames in the split {split!r}", where=corpus.path,
-            hint="its clips are too short, or joints are missing everywhere",
-        )  # fmt: skip
+        raise no_window(corpus, split, PROTOCOL.frames)
     return found[whole], positions[whole]
 
 
@@ -112,11 +107,12 @@ def measure(
     for count, every in GIVEN.items():
         for given in every:
             task, setting = f"K = {count}", f"k = {given}"
-            means = {TRUTH: own.means()}
+            means = {}
             for method in methods:
                 if method.sample is not None:
                     stage(f"{method.name}, {task}, {setting}")
                     means[method.name] = measure_one(method, truths, chosen, given, count, seed, corpus.fps)
+            means[TRUTH] = own.all()
             for key, unit in UNITS.items():
                 cells += [Cell(task, setting, name, key, found[key], None, unit)
                           for name, found in means.items() if key in found]  # fmt: skip
@@ -131,9 +127,9 @@ def measure_one(
     for block in _blocks(chosen):
         samples = _samples(method, truths[block], given, count, seed, int(block[0]))
         scores.add(block, samples)
-        tally.add(truths[block], samples, told(given))
+        tally.add_samples(truths[block], samples, told(given))
         tally.add_quality(truths[block, 0], samples, fps)
-    found = scores.means() | tally.means()
+    found = scores.means() | tally.all()
     return {key: found[key] for key in UNITS if key in found and not (key == "APD" and count == 1)}
 
 
@@ -177,40 +173,33 @@ def _blocks(chosen: Array) -> list[Array]:
     return [chosen[first : first + BATCH] for first in range(0, len(chosen), BATCH)]
 
 
-class Tally:
-    """Weighted means of what is measured in the world, and the greatest bone stretch."""
+class Tally(Means):
+    """Means of what is measured in the world, and the greatest bone stretch."""
 
     def __init__(self):
-        self.sums: dict[str, tuple[float, float]] = {}
+        super().__init__()
         self.greatest = float("nan")
 
-    def add(self, truths: Array, samples: Array, given: Array) -> None:
+    def add_samples(self, truths: Array, samples: Array, given: Array) -> None:
         """Control error and bone stretch of `samples (B, K, T, J, 3)`; given `(J,)` bool."""
         mask = np.broadcast_to(given, samples.shape[2:4])
         for truth, some in zip(truths, samples):
             if given.any():
-                self._mean("control error", control_error(some, truth[1:], mask), 1)
+                self.add({"control error": (control_error(some, truth[1:], mask), 1)})
             mean, greatest = bone_stretch(some, truth[0], BODY.parents)
-            self._mean("bone stretch", mean, 1)
+            self.add({"bone stretch": (mean, 1)})
             self.greatest = float(np.fmax(self.greatest, greatest))
 
     def add_quality(self, pose: Array, samples: Array, fps: float) -> None:
         """The pop after `pose (B, J, 3)`, jitter and foot skate of the first of `samples (B, K, T, J, 3)`."""
         first = samples[:, 0]
         pop = np.linalg.norm(first[:, 1].astype(float) - 2 * first[:, 0] + pose, axis=-1)
-        self._mean("pop after the start pose", float(pop.mean()) * 1000, len(pop))
+        self.add({"pop after the start pose": (float(pop.mean()) * 1000, len(pop))})
         whole = np.concatenate([pose[:, None], first], axis=1)
         touched = np.ones(whole.shape[:3], bool)
         # Against itself: its feet stand when they stand, not when the true ones would.
         found = quality.measure(whole, whole, touched, fps, BODY)
-        for name in ("jitter", "foot skate"):
-            if name in found:
-                self._mean(name, *found[name])
+        self.add({name: found[name] for name in ("jitter", "foot skate") if name in found})
 
-    def _mean(self, name: str, value: float, weight: float) -> None:
-        total, weights = self.sums.get(name, (0.0, 0.0))
-        self.sums[name] = total + value * weight, weights + weight
-
-    def means(self) -> dict[str, float]:
-        found = {name: total / weight for name, (total, weight) in self.sums.items()}
-        return found | ({"greatest bone stretch": self.greatest} if np.isfinite(self.greatest) else {})
+    def all(self) -> dict[str, float]:
+        return self.values() | ({"greatest bone stretch": self.greatest} if np.isfinite(self.greatest) else {})

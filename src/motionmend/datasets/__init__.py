@@ -95,10 +95,24 @@ def takes(sources: Iterable[Source], stage: Stage) -> Iterator[Raw | Dropped]:
         stage(f"take {number} of {len(sources)}, {source.file}")
         try:
             yield _read(source)
-        except InputError as error:
-            yield Dropped(source.file, str(error).replace(f"{source.path.parent}{os.sep}", ""))
-        except OSError as error:
-            yield Dropped(source.file, error.strerror or "it cannot be read")
+        except (InputError, OSError) as error:
+            yield Dropped(source.file, reason(error, source.path))
+
+
+HINTS = {
+    "--fps": "name the true rate in the column fps of a table for --splits",
+    "--asf": "put its skeleton beside it, with the same name",
+}
+
+
+def reason(error: InputError | OSError, path: Path) -> str:
+    """Why a file is dropped, in words: without its name, which stands beside, nor options that `data build` lacks."""
+    if not isinstance(error, InputError):
+        return error.strerror or "it cannot be read"
+    hint = next((better for option, better in HINTS.items() if option in error.hint), error.hint)
+    said = str(InputError(error.found, where=error.where, expected=error.expected, hint=hint))
+    said = said.removeprefix(f"{path}: ").replace(f"{path}:", "line ", 1)
+    return said.replace(f"{path.parent}{os.sep}", "")
 
 
 def _read(source: Source) -> Raw:
@@ -143,7 +157,8 @@ def _ends(mask: Array) -> tuple[int, int]:
 def asf_of(path: Path) -> Path | None:
     """The skeleton of an AMC file: the only ASF beside it, or the one named as it begins (05.asf for 05_01.amc)."""
     skeletons = [other for other in sorted(path.parent.iterdir()) if other.suffix.lower() == ".asf"]
-    named = [other for other in skeletons if other.stem in (path.stem, path.stem.split("_")[0])]
+    stems = path.stem.lower(), path.stem.lower().split("_")[0]
+    named = [other for stem in stems for other in skeletons if other.stem.lower() == stem]
     return named[0] if named else skeletons[0] if len(skeletons) == 1 else None
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from ..corpus import Dropped
 from ..errors import InputError
 from ..progress import Stage, silent
-from . import Raw, Source, takes
+from . import Raw, Source, reason, takes
 
 NAME = "cmu"
 LICENCE = "free for all uses; the data may not be resold, even in converted form"
@@ -76,10 +76,13 @@ def read(source: Path, *, stage: Stage = silent) -> Iterator[Raw | Dropped]:
     for trial in trials:
         if trial.file not in present:
             yield Dropped(trial.file, "listed in cmu.csv, but not in the folder")
-        elif reason := BAD.get(Path(trial.file).stem):
-            yield Dropped(trial.file, reason)
+        elif why := BAD.get(Path(trial.file).stem):
+            yield Dropped(trial.file, why)
         else:
-            sources.append(_source(present[trial.file], trial))
+            try:
+                sources.append(_source(present[trial.file], trial))
+            except OSError as error:
+                yield Dropped(trial.file, reason(error, present[trial.file]))
     for file in sorted(set(present) - {trial.file for trial in trials}):
         yield Dropped(file, "not listed in cmu.csv")
     yield from takes(sources, stage)
@@ -103,11 +106,11 @@ def _source(path: Path, trial: Trial) -> Source:
 
 
 def _listed(table: Path) -> list[Trial]:
-    with table.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
     try:
+        with table.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
         return [Trial(row["file"], row["subject"], row["split"], float(row["fps"])) for row in rows]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(
             f"not a table of trials: {error}", where=table, expected="columns file, subject, split, fps"
         ) from None

@@ -54,7 +54,7 @@ def read(source: Path, *, stage: Stage = silent) -> Iterator[Raw | Dropped]:
     archive = source if source.is_file() else next(iter(sorted(source.rglob(ARCHIVE))), None)
     if archive is None:
         raise InputError("no take", where=source, expected=f"{ARCHIVE}, or files such as walk1_subject5.bvh")
-    with _opened(archive) as file, tempfile.TemporaryDirectory() as folder:
+    with opened(archive) as file, tempfile.TemporaryDirectory() as folder:
         members = {Path(info.filename).name: info for info in file.infolist()}
         names = sorted(name for name in members if _NAME.fullmatch(name))
         if not names:
@@ -72,7 +72,8 @@ def read(source: Path, *, stage: Stage = silent) -> Iterator[Raw | Dropped]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+def opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive, for as long as it is read. InputError if that cannot be done, when opened or later."""
     try:
         with zipfile.ZipFile(path) as file:
             yield file

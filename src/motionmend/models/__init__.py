@@ -33,7 +33,8 @@ def network_class(name: str) -> type[Network]:
     except ModuleNotFoundError as error:
         if error.name is None or not module.startswith(error.name):
             raise  # the module is there, what it imports is not
-        raise InputError(f"no module {error.name!r}", where=name, hint="is its folder on PYTHONPATH?") from None
+        hint = f"say {module[:-3]}:{attribute}" if module.endswith(".py") else "is its folder on PYTHONPATH?"
+        raise InputError(f"no module {error.name!r}", where=name, hint=hint) from None
     except AttributeError:
         raise InputError(f"the module has no {attribute!r}", where=name) from None
     if not (isinstance(found, type) and issubclass(found, base)):

@@ -97,10 +97,21 @@ def settle(name: str, network: type, *layers: Mapping[str, Any]) -> Settings:
 
 
 def read(path: Path, name: str) -> dict[str, Any]:
-    """The layer that a TOML file holds. InputError where it is not TOML or is for another network than `name`."""
+    """The layer that a TOML file holds. InputError as for `parse`, and where there is no such file."""
     try:
-        layer = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"this is not TOML: {error}", where=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", where=path) from None
+    return parse(text, name, path)
+
+
+def parse(text: str, name: str, path: Path) -> dict[str, Any]:
+    """The layer that TOML from `path` holds. InputError where it is not TOML or is for another network than `name`."""
+    try:
+        layer = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"this is not TOML: {error}", where=path) from None
     check_keys(Settings, layer, path)
     if layer.get("name", name) != name:
@@ -111,7 +122,7 @@ def read(path: Path, name: str) -> dict[str, Any]:
 
 
 def write(settings: Settings) -> str:
-    """The settings as TOML that `read` reads back."""
+    """The settings as TOML that `read` and `parse` read back."""
     import tomli_w
 
     return tomli_w.dumps(asdict(settings))
@@ -185,8 +196,10 @@ def check(settings: Settings) -> None:
     for key in ("warmup", "ema"):
         if not 0 <= getattr(settings, key) < 1:
             raise InputError(f"{key} is {getattr(settings, key):g}", expected="from 0 to below 1")
-    if not settings.lr > 0:
+    if not 0 < settings.lr < math.inf:
         raise InputError(f"lr is {settings.lr:g}", expected="above 0")
+    if not all(0 <= beta < 1 for beta in settings.betas):
+        raise InputError("betas are {:g} and {:g}".format(*settings.betas), expected="from 0 to below 1")
     if not settings.corpus:
         raise InputError("no corpus was named", hint="say --corpus cmu.corpus; `motionmend data build` makes one")
 

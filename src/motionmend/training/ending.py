@@ -21,16 +21,19 @@ Export = Callable[[Network, Path, Sequence[Corpus], dict[str, Any], dict[str, fl
 def budget(
     settings: Settings, corpora: Sequence[Corpus], steps: int, seconds: float, accelerator: Accelerator
 ) -> dict[str, Any]:
-    """What training took, for the checkpoint and its model card. steps : taken by the weights that are exported."""
+    """What training took, for the checkpoint and its model card.
+
+    steps : taken by the weights that are exported. seconds : that the whole run took.
+    """
     from ..benchmark.provenance import commit
 
     def words(each: Sequence[str]) -> str:
         return "; ".join(dict.fromkeys(each))
 
     return {
-        "steps": steps, "batch": settings.batch, "seconds": round(seconds), "machine": machine(accelerator.device),
-        "processes": accelerator.num_processes, "threads": torch.get_num_threads(), "precision": settings.precision,
-        "seed": settings.seed, "commit": commit(),
+        "steps": steps, "steps of the run": settings.steps, "batch": settings.batch, "seconds": round(seconds),
+        "machine": machine(accelerator.device), "processes": accelerator.num_processes,
+        "threads": torch.get_num_threads(), "precision": settings.precision, "seed": settings.seed, "commit": commit(),
         "corpus": ", ".join(each.name for each in corpora), "data sha256": ", ".join(each.sha256 for each in corpora),
         "licence": words([each.licence for each in corpora]), "credit": words([each.credit for each in corpora]),
     }  # fmt: skip

@@ -9,6 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ..checkpoints import span
+
 
 class Journal:
     """Takes every step's losses; writes a line of JSON per `every` steps, and tells how long it still takes.
@@ -31,6 +33,7 @@ class Journal:
         self.terminal = sys.stderr.isatty()
         self.told = self.lap = self.began = time.perf_counter()
         self.before = seconds
+        self.begun: tuple[int, float] | None = None  # steps done, and when, after the first: it may compile
         self.sums: dict[str, float] = {}
         self.count = 0
         self.waited = self.waited_lap = 0.0
@@ -48,6 +51,7 @@ class Journal:
         self.count += 1
         self.waited = waited
         now = time.perf_counter()
+        self.begun = self.begun or (done, now)
         if now - self.told > (0.5 if self.terminal else 20):
             self.told = now
             line = self._line(done, lr)
@@ -88,8 +92,15 @@ class Journal:
         losses = "  ".join(f"{name} {value:.4g}" for name, value in self._means().items())
         return (
             f"step {done:,}/{self.steps:,}  {losses}  lr {lr:.2g}  {pace['rate']:.3g} steps/s  "
-            f"waiting {pace['waiting']:.1%}  {span((self.steps - done) / max(pace['rate'], 1e-9))} left"
+            f"waiting {pace['waiting']:.1%}  {self._left(done)}"
         )
+
+    def _left(self, done: int) -> str:
+        """How long it still takes, if validations and checkpoints go on to take their share of the time."""
+        first, when = self.begun or (done, 0.0)
+        if done == first:
+            return ""
+        return f"{span((self.steps - done) * (time.perf_counter() - when) / (done - first))} left"
 
     def _write(self, row: dict[str, Any]) -> None:
         self.file.write(json.dumps(row) + "\n")
@@ -114,16 +125,3 @@ def cut_back(path: Path, step: int) -> None:
     aside = path.with_name(f".{path.name}.part")
     aside.write_text("".join(kept), encoding="utf-8")
     aside.replace(path)
-
-
-def span(seconds: float) -> str:
-    """A time in words, with the two largest units: "2 h 10 min"."""
-    seconds = round(seconds)
-    minutes, hours = seconds // 60, seconds // 3600
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    if hours < 1:
-        return f"{minutes:.0f} min {seconds % 60:.0f} s"
-    if hours < 24:
-        return f"{hours:.0f} h {minutes % 60:.0f} min"
-    return f"{hours // 24:.0f} d {hours % 24:.0f} h"

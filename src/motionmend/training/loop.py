@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import time
 from dataclasses import asdict, dataclass, field
@@ -23,7 +24,7 @@ from .batches import Ahead, Batches, Workers, share
 from .config import Settings, rate
 from .ending import Export, budget, exported
 from .logs import Journal
-from .validation import Validate, judge, scores_of
+from .validation import Validate, described, judge, scores_of
 
 
 class Objective(nn.Module):
@@ -81,11 +82,16 @@ def train(
     config.check(settings)
     kind = network_class(settings.name)
     corpora = [Corpus.open(path) for path in settings.corpus]
-    accelerator = Accelerator(mixed_precision="no")  # the Objective casts by itself
+    # Without GPUs accelerate takes the processes that torchrun starts for strangers, unless it is told of the CPU.
+    many = int(os.environ.get("WORLD_SIZE", "1")) > 1
+    # The Objective casts by itself.
+    accelerator = Accelerator(mixed_precision="no", cpu=many and not torch.cuda.is_available())
     device = accelerator.device
     torch.manual_seed(settings.seed)
     network = kind(settings.network, len(corpora[0].skeleton)).to(device)
     batches = Batches(network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed)
+    for corpus in corpora:
+        judge(network, corpus)  # an unknown protocol is an error before a folder is made
     mine = share(batches.blocks, accelerator.process_index, accelerator.num_processes)
     settings = runs.together(accelerator, lambda: runs.prepare(settings, folder, resume, corpora, device))
     optimiser = torch.optim.AdamW(
@@ -169,11 +175,14 @@ class Run:
             torch.manual_seed(seed_of(settings.seed, step, self.accelerator.process_index))
             batch = {name: each.to(self.accelerator.device, non_blocking=True) for name, each in ahead.next().items()}
             losses = self.objective(batch, step)
+            if "loss" not in losses:
+                found = f"its losses are {', '.join(losses)}"
+                raise InputError(found, where=settings.name, expected='one named "loss"')
             self.accelerator.backward(losses["loss"])
             norm = self.accelerator.clip_grad_norm_(self.network.parameters(), limit)
             values, stop = self.agreed({**losses, "norm": norm}, heard)
             if bad := [name for name, value in values.items() if not math.isfinite(value)]:
-                self.break_off(bad[0], values[bad[0]])
+                self.break_off(bad[0], values[bad[0]], batch)
             self.optimiser.step()
             self.optimiser.zero_grad()
             self.average.update(self.network, step)
@@ -240,18 +249,24 @@ class Run:
         if self.journal:
             self.progress.seconds = self.journal.seconds
         tensors = state.gather(self.network, self.optimiser, self.average)
-        said = asdict(self.progress) | {"data": json.dumps(runs.data_of(self.corpora))}
+        data = json.dumps(runs.data_of(self.corpora))
+        said = asdict(self.progress) | {"data": data, "settings": config.write(self.settings)}
         state.save(self.folder / "last.safetensors", tensors, said)
         self.saved = time.monotonic()
 
-    def break_off(self, name: str, value: float) -> None:
+    def break_off(self, name: str, value: float, batch: dict[str, Tensor]) -> None:
         """A loss or gradient is not a number: keep the weights from before it, and say so."""
         done = self.progress.done
         if self.main:
             self.save()
+        for key, each in batch.items():
+            if not torch.isfinite(each).all():
+                hint = "unobserved samples are NaN in what `batch` is given, and must not be in what it returns"
+                raise InputError(f"{key!r} of the batch of step {done + 1} has NaN or inf",
+                                 where=self.settings.name, hint=hint)  # fmt: skip
         raise InputError(
             f"{name} is {value} in step {done + 1}", where=self.folder,
-            hint=f"last.safetensors holds the weights after step {done:,}; try a lower --lr or --clip, "
+            hint=f"the weights after step {done:,} are in last.safetensors; try a lower --lr or --clip, "
             "or --precision fp32, in a new run",
         )  # fmt: skip
 
@@ -261,10 +276,11 @@ class Run:
         data = ", ".join(f"{each.name} {h:.2f} h" for each, h in zip(self.corpora, hours))
         went = f", from step {self.progress.done:,}" if self.progress.done else ""
         many = self.accelerator.num_processes
-        corpus = self.held_out
+        corpus, device = self.held_out, self.accelerator.device
         self.tell(
-            f"{self.settings.name}: {size:,} parameters on {runs.machine(self.accelerator.device)}, "
-            f"{f'{many} processes, ' if many > 1 else ''}{self.settings.precision}; {data}{went}; "
+            f"{self.settings.name}: {size:,} parameters on {runs.machine(device)}, "
+            f"{f'{many} processes, ' if many > 1 else ''}{runs.arithmetic(self.settings.precision, device)}; "
+            f"{data}{went}; "
             + (f"validation by {judge(self.network, corpus)} on {corpus.name}" if corpus else "nothing to validate on")
         )
 
@@ -281,8 +297,11 @@ class Run:
             network.load_state_dict(tensors)
             scores, step = json.loads(metadata["validation"]), int(metadata["step"])
         spent = budget(self.settings, self.corpora, step, self.progress.seconds, self.accelerator)
+        if scores and self.held_out:
+            spent["validated by"] = described(self.network, self.held_out, self.settings)
         where = export(network, self.folder / "export", self.corpora, spent, scores)
-        self.tell(f"done: {self.progress.done:,} steps; the weights of step {step:,} are in {where}")
+        best_of = f"the weights of step {step:,}{', the best,' if scores else ''}"
+        self.tell(f"done: {self.progress.done:,} steps; {best_of} are in {where}")
 
 
 def seed_of(seed: int, step: int, rank: int) -> int:

@@ -24,27 +24,38 @@ from .config import Settings
 def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus], device: torch.device) -> Settings:
     """Make the run's folder, or check that it can be gone on with; returns the settings as they are saved there."""
     path, last = folder / "config.toml", folder / "last.safetensors"
-    if path.is_file() and resume:
-        kind = network_class(settings.name)
-        old = config.settle(settings.name, kind, config.read(path, settings.name))
+    if resume and last.is_file():
+        metadata = state.load(last)[1]
+        if not {"done", "data", "settings"} <= metadata.keys():
+            raise InputError("this is not a run's last checkpoint", where=last)
+        # As they were, whatever has become of config.toml.
+        was_settled = config.parse(metadata["settings"], settings.name, last)
+        old = config.settle(settings.name, network_class(settings.name), was_settled)
         settings = config.resolved(settings, old.precision)
-        metadata = state.load(last)[1] if last.is_file() else {}
-        differ = config.changes(old, settings, int(metadata.get("done", 0)))
-        if metadata and (was := json.loads(metadata["data"])) != (now := data_of(corpora)):
+        differ = config.changes(old, settings, int(metadata["done"]))
+        if (was := json.loads(metadata["data"])) != (now := data_of(corpora)):
             differ.append(f"the data is {', '.join(now)} and was {', '.join(was)}, or has another hash")
         if differ:
             hint = "leave these options out, or start a new run in another folder"
             raise InputError("this run was begun otherwise: " + "; ".join(differ), where=folder, hint=hint)
-    elif folder.exists() and (not folder.is_dir() or any(each.suffix != ".part" for each in folder.iterdir())):
+    elif not (resume and path.is_file()) and in_use(folder):
         hint = "go on with it by --resume, or choose another folder" if path.is_file() else "choose another"
         raise InputError("a run is there already" if path.is_file() else "this is not a run", where=folder, hint=hint)
     else:
         settings = config.resolved(settings, "bf16" if bf16_pays(device) else "fp32")
-        folder.mkdir(parents=True, exist_ok=True)
     aside = folder / ".config.toml.part"
-    aside.write_text(config.write(settings), encoding="utf-8")
-    aside.replace(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        aside.write_text(config.write(settings), encoding="utf-8")
+        aside.replace(path)
+    except OSError as error:
+        raise InputError(f"the run's folder cannot be written: {error.strerror}", where=folder) from None
     return settings
+
+
+def in_use(folder: Path) -> bool:
+    """Whether a folder, or a file, is there and holds more than a killed run's first unfinished file."""
+    return folder.exists() and (not folder.is_dir() or any(each.suffix != ".part" for each in folder.iterdir()))
 
 
 def together(accelerator: Accelerator, work: Callable[[], Settings]) -> Settings:
@@ -71,6 +82,13 @@ def bf16_pays(device: torch.device) -> bool:
     if device.type == "cuda":
         return torch.cuda.get_device_capability(device) >= (8, 0)
     return bool(getattr(torch.cpu, "get_capabilities", dict)().get("amx_bf16", False))
+
+
+def arithmetic(precision: str, device: torch.device) -> str:
+    """The precision, and what it has to do with the machine."""
+    if bf16_pays(device):
+        return precision
+    return f"{precision} (the machine emulates it: slow)" if precision == "bf16" else f"{precision} (no fast bf16 here)"
 
 
 def machine(device: torch.device) -> str:

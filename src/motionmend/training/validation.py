@@ -50,6 +50,17 @@ def judge(network: Network, corpus: Corpus) -> str:
     return network.protocol if module.PROTOCOL.frames == network.frames and hasattr(module, "quick") else "loss"
 
 
+def described(network: Network, corpus: Corpus, settings: Settings) -> str:
+    """What validation's numbers are, in a phrase for the model card."""
+    from ..benchmark import protocol
+
+    by, where = judge(network, corpus), f"the split validation of {corpus.name}"
+    if by == "loss":
+        return f"the loss on at most {settings.validation_windows} windows of {where}"
+    unit = protocol(by).PROTOCOL.unit
+    return f"protocol {by}, quick form: at most {settings.validation_windows} windows of {where}; errors in {unit}"
+
+
 @torch.no_grad()
 def held_out_loss(network: Network, corpus: Corpus, settings: Settings) -> float:
     """The mean loss over windows of the split "validation", corrupted as in training."""
