@@ -12,7 +12,7 @@ import pytest
 
 from motionmend import InputError
 from motionmend.auto import Auto
-from motionmend.benchmark import Clock, methods, protocol, provenance, quality, quick, run, trials, xmae
+from motionmend.benchmark import Clock, classical, methods, protocol, provenance, quality, quick, run, trials, xmae
 from motionmend.benchmark.results import TRUTH, Cell, Protocol, evenly
 from motionmend.benchmark.table import best, decimals_for, table
 from motionmend.body import BODY, JOINT, LIMBS
@@ -332,6 +332,16 @@ def test_quick_numbers_are_the_protocols_own(walking):
     assert next(iter(found)) == "full skeleton, root-relative"
     assert found["full skeleton, root-relative"] == pytest.approx(np.mean([gaps[1], gaps[2], gaps[4]]))
     noise = values(cells, "noise on positions", "MPJPE, global", "n")
+    assert found["noise 50 mm"] == pytest.approx(noise[2])
+
+
+def test_quick_numbers_have_classical_ones_beside_them(walking):
+    found = quick("xmae", None, walking, "test", windows=3, seed=2)
+    assert classical("xmae") == "hermite and butterworth"
+    cells = xmae.measure(walking, "test", methods.find_all(["hermite", "butterworth"]), seed=2, limit=3)
+    gaps = values(cells, "full skeleton missing", "MPJPE, global", "hermite")
+    assert found["full skeleton, global"] == pytest.approx(np.mean([gaps[1], gaps[2], gaps[4]]))
+    noise = values(cells, "noise on positions", "MPJPE, global", "butterworth")
     assert found["noise 50 mm"] == pytest.approx(noise[2])
 
 

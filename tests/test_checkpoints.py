@@ -228,13 +228,15 @@ def test_the_card_tells_data_licence_budget_and_results(exported):
 def test_the_card_of_a_run_goes_by_its_name_and_says_what_was_chosen_how(tmp_path):
     (tmp_path / "run").mkdir()
     spent = {**BUDGET, "steps": 200, "steps of the run": 300, "seconds": 162, "validated by": "protocol xmae; in mm"}
+    spent["beside"] = {"hermite": {"MPJPE, root-relative, 0.5 s, mm": 30.5}}
     folder = tmp_path / "run" / "export"
     export(fresh(), folder, skeleton=BODY, windows=windows(), budget=spent, validation=VALIDATION)
     card = (folder / "README.md").read_text("utf-8")
     assert "# run\n" in card and 'mm.load_completer("run")' in card
     assert "- steps: 200, the best by validation of a run of 300\n" in card
     assert "- time: 2 min 42 s, all of the run\n" in card
-    assert "By protocol xmae; in mm.\n\n| validation" in card
+    assert "By protocol xmae; in mm.\n\n| validation | this network | hermite |" in card
+    assert "| MPJPE, root-relative, 0.5 s, mm | 41.25 | 30.5 |" in card and "beside" not in card
     summary = checkpoints.load(tmp_path / "run").summary
     assert summary.startswith("200 steps (the best of 300) of 16 windows in 2 min 42 s on ")
 

@@ -10,7 +10,7 @@ from .checkpoints import span
 
 # Keys of the budget that have a line of their own in the card; all others are listed as they are.
 _TOLD = {"corpus": "Corpus", "licence": "Licence of the data", "credit": "Credit", "data sha256": "Data hash"}
-_ELSEWHERE = {*_TOLD, "validated by"}
+_ELSEWHERE = {*_TOLD, "validated by", "beside"}
 
 
 def write_card(facts: Mapping[str, Any], title: str) -> str:
@@ -33,6 +33,7 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
     # JSON is YAML: names with colons or quotes in them need no rules of our own.
     yaml = "\n".join(f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in front.items())
     joints = len(facts["skeleton"]["names"])
+    measured, beside = budget.get("validated by", ""), budget.get("beside", {})
     seconds = facts["frames"] / facts["fps"]
     does = (
         "makes motions that go on from a first pose along whatever paths it is given"
@@ -60,7 +61,7 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
         "Sizes and options of the network:",
         _bullets(facts["config"]) or "none",
         "## Results",
-        _results(validation, budget.get("validated by", "")) if validation else "It was not validated.",
+        _results(validation, measured, beside) if validation else "It was not validated.",
         "The graph's answers to real windows differ from those of the network in training by at most "
         f"{1000 * facts['parity']:.2g} mm.",
         "## Files",
@@ -102,8 +103,10 @@ def _words(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
 
-def _results(values: Mapping[str, Any], measured: str) -> str:
-    """A table of validation's numbers, below what they are."""
-    rows = [f"| {metric} | {_words(value)} |" for metric, value in values.items()]
-    table = "\n".join(["| validation | value |", "|---|---|", *rows])
+def _results(values: Mapping[str, Any], measured: str, beside: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table of validation's numbers, below what they are; `beside` has those of others by their names."""
+    columns = {"this network": values, **beside}
+    rows = [[metric, *(_words(each.get(metric, "")) for each in columns.values())] for metric in values]
+    lines = [["validation", *columns], ["---"] * (1 + len(columns)), *rows]
+    table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
     return f"By {measured}.\n\n{table}" if measured else table

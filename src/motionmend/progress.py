@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,8 +21,8 @@ def silent(_: str) -> None:
 def following(name: str) -> Iterator[Stage]:
     """Yields a function to call with what is done next ("reading", "filling 3 of 12", …).
 
-    On a terminal one line shows it with the time; elsewhere a line is printed every few seconds at most, so that
-    logs of quick work stay quiet and those of long work short.
+    On a terminal one line shows it with the time; elsewhere a line is printed every few seconds at most, of what is
+    being done at that time, so that logs of quick work stay quiet and those of long work short.
     """
     began = said = time.monotonic()
     if sys.stderr.isatty():
@@ -34,10 +35,21 @@ def following(name: str) -> Iterator[Stage]:
             yield lambda what: bar.update(task, description=f"{name}: {what}")
         return
 
-    def line(what: str) -> None:
+    def say(what: str) -> None:
         nonlocal said
-        if (now := time.monotonic()) - said > QUIET_SECONDS:
-            print(f"{name}: {what} ({now - began:.0f} s)", file=sys.stderr, flush=True)
-            said = now
+        said = time.monotonic()
+        print(f"{name}: {what} ({said - began:.0f} s)", file=sys.stderr, flush=True)
 
-    yield line
+    later = threading.Timer(0, say)
+
+    def line(what: str) -> None:
+        nonlocal later
+        later.cancel()
+        later = threading.Timer(max(0.0, said + QUIET_SECONDS - time.monotonic()), say, [what])
+        later.daemon = True
+        later.start()
+
+    try:
+        yield line
+    finally:
+        later.cancel()

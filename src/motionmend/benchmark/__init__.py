@@ -5,6 +5,7 @@ A protocol is a module of this package with
     PROTOCOL : results.Protocol
     measure(corpus, split, methods, *, seed, limit, train, stage=silent) -> list[results.Cell]
     quick(method, corpus, split, *, windows, seed) -> dict[str, float]   # optional; the first key is to choose by
+    CLASSICAL = {"fill": "hermite", …}                                   # with quick: who does each in its stead
     starts(corpus, split, limit) -> (W,) first frames of its windows     # optional: how many go into the header
     figures(cells) -> dict[str, Figure]                                  # optional: more PNGs, by file stem
 
@@ -107,12 +108,25 @@ def run(
 
 
 def quick(
-    name: str, completer: NetworkCompleter, corpus: Corpus, split: str, windows: int = 64, seed: int = 0
+    name: str, completer: NetworkCompleter | None, corpus: Corpus, split: str, windows: int = 64, seed: int = 0
 ) -> dict[str, float]:
-    """A protocol's few numbers to watch a network by while it trains; the first is the one to choose by."""
+    """A protocol's few numbers to watch a network by while it trains; the first is the one to choose by.
+
+    completer : the network; None measures what `classical` names on the same windows and damage.
+    """
     module = protocol(name)
     check(module.PROTOCOL, corpus, split)
-    return module.quick(_methods.of_completer("network", completer), corpus, split, windows=windows, seed=seed)
+    if completer is not None:
+        method = _methods.of_completer("network", completer)
+    else:
+        does = {what: getattr(_methods.find(who), what) for what, who in module.CLASSICAL.items()}
+        method = replace(Method("classical"), **does)
+    return module.quick(method, corpus, split, windows=windows, seed=seed)
+
+
+def classical(name: str) -> str:
+    """The classical methods that stand beside a network in a protocol's quick form, in words."""
+    return " and ".join(protocol(name).CLASSICAL.values())
 
 
 def opened(corpus: Corpus | str | Path) -> Corpus:

@@ -60,6 +60,7 @@ PERCENTILES = (5, 25, 50, 75, 95)
 BONE_TASKS = {"0 frames": "bone lengths, whole window", "120 frames": "bone lengths, gap of 120 frames"}  # of infilling
 ROOT_SIGMA, HEADING_SIGMA = 3.0, 20.0  # frames, of the Gaussians that smooth root path and heading (authors' code)
 BATCH = 64
+CLASSICAL = {"fill": "hermite"}
 EVERYONE = range(len(BODY))
 
 PROTOCOL = Protocol(

@@ -31,6 +31,7 @@ ORDER = (
 )  # fmt: skip
 GIVEN = {50: (0, 1, 2, 3, 4, 7, 10, 14, 21), 1: (0, 1, 2, 3, 4)}  # K -> every k
 BATCH = 16
+CLASSICAL = {"sample": "zero-velocity"}
 UNITS = {
     "APD": "m", "ADE": "m", "FDE": "m", "MMADE": "m", "MMFDE": "m",
     "control error": "cm", "bone stretch": "%", "greatest bone stretch": "%", "pop after the start pose": "mm",

@@ -37,6 +37,7 @@ PROTOCOL = Protocol(
 )  # fmt: skip
 
 BATCH = 128
+CLASSICAL = {"fill": "hermite", "restore": "butterworth"}
 GAPS = (0.1, 0.3, 0.5, 0.7, 0.9)  # seconds
 POSITION_SIGMAS = (0.01, 0.02, 0.05, 0.1)  # metres
 ROTATION_SIGMAS = (0.05, 0.10, 0.15)  # radians, of the paper's table 4

@@ -64,8 +64,7 @@ class Journal:
 
     def validation(self, done: int, scores: dict[str, float], best: bool) -> None:
         self._write({"step": done, "validation": scores, "best": best})
-        said = ", ".join(f"{name} {value:.4g}" for name, value in scores.items())
-        self.say(f"step {done:,}: validation {said}{' (best)' if best else ''}")
+        self.say(f"step {done:,}: validation {listed(scores)}{' (best)' if best else ''}")
 
     def say(self, line: str) -> None:
         """One line that stays."""
@@ -109,6 +108,10 @@ class Journal:
             for name, value in row.get("validation", row).items():
                 if name != "step" and isinstance(value, float):
                     self.board.add_scalar(f"validation/{name}" if "validation" in row else name, value, row["step"])
+
+
+def listed(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.4g}" for name, value in values.items())
 
 
 def cut_back(path: Path, step: int) -> None:

@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,8 @@ from . import config, runs, state
 from .batches import Ahead, Batches, Workers, share
 from .config import Settings, rate
 from .ending import Export, budget, exported
-from .logs import Journal
-from .validation import Validate, described, judge, scores_of
+from .logs import Journal, listed
+from .validation import Validate, classical_scores, described, judge, scores_of
 
 
 class Objective(nn.Module):
@@ -159,6 +160,11 @@ class Run:
         """What validation looks at: the first corpus that has a split for it."""
         return next((each for each in self.corpora if each.in_split("validation")), None)
 
+    @cached_property
+    def classical(self) -> tuple[str, dict[str, float]]:
+        """Who would do without the network, and the same scores for it."""
+        return classical_scores(self.network, self.held_out, self.settings) if self.held_out else ("", {})
+
     def go(self, ahead: Ahead, heard: list[int]) -> int:
         """Take all steps that are left; returns 0, or 128 + the signal that came first."""
         settings, progress, limit = self.settings, self.progress, self.settings.clip or math.inf
@@ -230,6 +236,9 @@ class Run:
         done = self.progress.done
         picture = self.folder / "samples" / f"{done:09d}.png"
         scores = self.validate(self.averaged(), self.held_out, self.settings, picture)
+        who, theirs = self.classical
+        if done == self.settings.validate_every and theirs:
+            journal.say(f"for comparison, {who}: {listed(theirs)}")
         value = next(iter(scores.values()))
         best = value < self.progress.best
         if best:
@@ -299,6 +308,8 @@ class Run:
         spent = budget(self.settings, self.corpora, step, self.progress.seconds, self.accelerator)
         if scores and self.held_out:
             spent["validated by"] = described(self.network, self.held_out, self.settings)
+            if self.classical[1]:
+                spent["beside"] = dict([self.classical])
         where = export(network, self.folder / "export", self.corpora, spent, scores)
         best_of = f"the weights of step {step:,}{', the best,' if scores else ''}"
         self.tell(f"done: {self.progress.done:,} steps; {best_of} are in {where}")

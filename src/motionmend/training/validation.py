@@ -36,6 +36,19 @@ def scores_of(network: Network, corpus: Corpus, settings: Settings, picture: Pat
     return quick(network.protocol, completer, corpus, "validation", settings.validation_windows, settings.seed)
 
 
+def classical_scores(network: Network, corpus: Corpus, settings: Settings) -> tuple[str, dict[str, float]]:
+    """Who would do without a network, and how well, on the windows and damage that `scores_of` looks at.
+
+    ("", {}) where validation goes by the loss.
+    """
+    from ..benchmark import classical, quick
+
+    if judge(network, corpus) == "loss":
+        return "", {}
+    by, windows = network.protocol, settings.validation_windows
+    return classical(by), quick(by, None, corpus, "validation", windows, settings.seed)
+
+
 def judge(network: Network, corpus: Corpus) -> str:
     """What validation goes by: the network's protocol, or "loss" where it is not for such windows."""
     from ..benchmark import check, protocol
