@@ -97,3 +97,19 @@ def test_an_example_runs(script, words, demo_folder, tmp_path, monkeypatch, caps
         assert (tmp_path / words[1]).is_file()
     if script == "gap_list.py":
         assert "100:140  0.33 s  LeftHand" in capsys.readouterr().out
+
+
+def test_benchmark_tables_are_those_that_the_commands_printed():
+    """Rows in docs/benchmarks.md stand in the page of results of their protocol, under the same heading."""
+    text = (ROOT / "docs" / "benchmarks.md").read_text("utf-8")
+    for name in ("xmae", "convae", "trajevae"):
+        results = (ROOT / "docs" / "results" / f"{name}.md").read_text("utf-8")
+        tables = dict(re.findall(r"^### (.+)\n\n((?:\|.*\n)+)", results, flags=re.M))
+        section = re.search(rf"^### {name}: .*?(?=^##)", text, flags=re.M | re.S)
+        assert section
+        shown = re.findall(r"^\*\*(.+)\*\*\n\n((?:\|.*\n)+)", section.group(), flags=re.M)
+        assert shown
+        for heading, rows in shown:
+            assert set(rows.splitlines()) <= set(tables[heading].splitlines()), f"{name}: {heading}"
+        command = next(line.strip() for line in results.splitlines() if line.startswith("    motionmend benchmark"))
+        assert command in text
