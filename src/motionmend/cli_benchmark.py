@@ -20,7 +20,7 @@ Folder = Annotated[Optional[Path], arg(metavar="PATH")]
 class Benchmark:
     """Measure methods by a paper's protocol, and write tables, figures and all numbers.
 
-    The same call gives the same numbers: motionmend benchmark xmae --corpus cmu.corpus --methods linear,xmae -o results
+    The same call gives the same numbers: motionmend benchmark xmae --corpus cmu.corpus --methods linear,auto -o results
     """
 
     protocol: Positional[str]
