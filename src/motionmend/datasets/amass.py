@@ -122,7 +122,7 @@ def _imported() -> tuple[Any, Any]:
     try:
         return importlib.import_module("smplx"), importlib.import_module("torch")
     except ModuleNotFoundError as error:
-        raise InputError(f"AMASS needs the package {error.name}", hint="install them with pip install smplx torch") from None
+        raise InputError(f"AMASS needs the package {error.name}", hint="say: pip install smplx torch") from None
 
 
 def _body_model(folder: Path, kind: str, gender: str, shapes: int) -> Callable[[Array, Array, Array], Array]:

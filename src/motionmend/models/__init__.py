@@ -27,7 +27,7 @@ def network_class(name: str) -> type[Network]:
     try:
         base = importlib.import_module(".network", __name__).Network
     except ModuleNotFoundError as error:
-        raise InputError(f"networks need {error.name}", hint='install it with pip install "motionmend[train]"') from None
+        raise InputError(f"networks need {error.name}", hint='say: pip install "motionmend[train]"') from None
     try:
         found = getattr(importlib.import_module(module, __name__), attribute)
     except ModuleNotFoundError as error:
