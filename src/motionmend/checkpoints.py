@@ -6,7 +6,6 @@ of a folder in `$MOTIONMEND_MODELS` (several folders as in `$PATH`), in the user
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import sys
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import InputError, nearest_names
+from .io import sha256_of
 from .motion import Skeleton
 from .spaces import SPACES
 
@@ -187,15 +187,9 @@ def load(name_or_path: str | os.PathLike) -> Checkpoint:
         file = path / Path(name).name
         if not file.is_file():
             raise InputError("the checkpoint lacks this file", where=file, hint=again)
-        if sha256(file) != expected:
+        if sha256_of(file) != expected:
             raise InputError("the file is not the one that was exported", where=file, hint=again)
     return checkpoint
-
-
-def sha256(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def load_network(name_or_path: str | os.PathLike) -> Network:

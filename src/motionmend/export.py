@@ -24,8 +24,9 @@ import torch
 
 from . import __version__
 from .card import write_card
-from .checkpoints import CARD, CONFIG, GRAPH, VERSION, WEIGHTS, Description, name_of, sha256
+from .checkpoints import CARD, CONFIG, GRAPH, VERSION, WEIGHTS, Description, name_of
 from .errors import InputError
+from .io import sha256_of
 from .models import NETWORKS
 from .models.network import Network
 from .motion import Skeleton
@@ -95,7 +96,7 @@ def export(
             "budget": budget or {}, "validation": validation or {}, "parity": difference, "motionmend": __version__,
         }  # fmt: skip
         (aside / CARD).write_text(write_card(facts, name_of(target)), encoding="utf-8")
-        facts["sha256"] = {name: sha256(aside / name) for name in (GRAPH, WEIGHTS, CARD)}
+        facts["sha256"] = {name: sha256_of(aside / name) for name in (GRAPH, WEIGHTS, CARD)}
         (aside / CONFIG).write_text(json.dumps(facts, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         _put(aside, target)
     finally:

@@ -7,8 +7,6 @@ rotations, so it reads BVH itself, from the published archive or a folder of its
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +15,7 @@ import numpy as np
 
 from .. import io
 from ..curves import CURVES
-from ..datasets.lafan1 import opened
+from ..datasets.lafan1 import LARGEST, unpacked
 from ..errors import InputError
 from ..metrics import Moments
 from ..metrics_rotation import l2p, l2q, npss_mean, npss_terms
@@ -238,15 +236,11 @@ def _takes(source: Path, subjects: set[int], stage: Stage) -> Iterator[tuple[int
         return
     if not source.is_file():
         raise InputError("no such file or folder", where=source, expected="lafan1.zip, or a folder of its BVH files")
-    with opened(source) as archive, tempfile.TemporaryDirectory() as folder:
-        for name in sorted(archive.namelist()):
-            path = Path(folder) / Path(name).name
-            if (subject := _subject(path.name)) in subjects:
-                stage(f"reading {path.name}")
-                with archive.open(name) as packed, path.open("wb") as file:
-                    shutil.copyfileobj(packed, file)
-                yield subject, io.load(path, unit="cm", up="y")
-                path.unlink()
+    for path, size in unpacked(source, lambda name: _subject(name) in subjects):
+        stage(f"reading {path.name}")
+        if size > LARGEST:
+            raise InputError(f"{path.name} has {size:,} bytes, more than a take has", where=source)
+        yield _subject(path.name), io.load(path, unit="cm", up="y")
 
 
 def _subject(name: str) -> int:

@@ -65,8 +65,7 @@ def _hash(source: Path) -> str:
     for path in [source] if source.is_file() else sorted(each for each in source.rglob("*") if each.is_file()):
         found.update(b"" if path == source else path.relative_to(source).as_posix().encode() + b"\0")
         with path.open("rb") as file:
-            while block := file.read(1 << 20):
-                found.update(block)
+            hashlib.file_digest(file, lambda: found)
     return found.hexdigest()
 
 

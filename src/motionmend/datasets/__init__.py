@@ -6,7 +6,6 @@ and a `Dropped` for every file that could not be one. `takes` is what the reader
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -144,7 +143,7 @@ def _read(source: Source) -> Raw:
     floor = {"file": 0.0, "feet": ground(to_body(motion, mapping))}.get(source.ground)
     return Raw(
         source.name, source.file, source.subject, source.split, motion, mapping.rig, source.licence,
-        sha256_of(source.path, *([asf] if asf else [])), tuple(notes), None, floor, source.figure,
+        io.sha256_of(source.path, *([asf] if asf else [])), tuple(notes), None, floor, source.figure,
     )  # fmt: skip
 
 
@@ -160,16 +159,6 @@ def asf_of(path: Path) -> Path | None:
     stems = path.stem.lower(), path.stem.lower().split("_")[0]
     named = [other for stem in stems for other in skeletons if other.stem.lower() == stem]
     return named[0] if named else skeletons[0] if len(skeletons) == 1 else None
-
-
-def sha256_of(*paths: Path) -> str:
-    """SHA-256 of the files, one appended to the other."""
-    sha = hashlib.sha256()
-    for path in paths:
-        with path.open("rb") as file:
-            while block := file.read(1 << 20):
-                sha.update(block)
-    return sha.hexdigest()
 
 
 T_POSE = np.radians(12)  # how far arms may be from horizontal and legs from vertical

@@ -22,11 +22,12 @@ import numpy as np
 from ..body import map_rig
 from ..corpus import Dropped
 from ..errors import InputError
+from ..io import sha256_of
 from ..io.npz_archive import Archive
 from ..io.units import to_metres
 from ..motion import Array, Motion, Skeleton, Units
 from ..progress import Stage, silent
-from . import Raw, sha256_of
+from . import Raw
 from ._objects import archive_of
 
 NAME = "amass"

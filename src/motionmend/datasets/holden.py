@@ -25,7 +25,7 @@ from ..corpus import Dropped
 from ..errors import InputError
 from ..motion import Array, Motion, Skeleton
 from ..progress import Stage, silent
-from . import Raw, sha256_of
+from . import Raw
 from ._objects import archive_of, numbers, objects
 
 NAME = "holden"
@@ -102,7 +102,7 @@ def _bvh(path: Path, file: str) -> Raw:
     motion = Motion(positions, take.motion.observed[:, joints], 2 * FPS, SKELETON)
     subject = f"cmu_{path.stem.split('_')[0]}" if path.parent.name == "cmu" else ""
     name = f"{path.parent.name}_{path.stem}"
-    return Raw(name, file, subject, "", motion, map_rig(SKELETON).rig, LICENCE, sha256_of(path), take.notes)
+    return Raw(name, file, subject, "", motion, map_rig(SKELETON).rig, LICENCE, io.sha256_of(path), take.notes)
 
 
 def _packed(path: Path, file: str, database: str, stage: Stage) -> Iterator[Raw]:
@@ -116,7 +116,7 @@ def _packed(path: Path, file: str, database: str, stage: Stage) -> Iterator[Raw]
         if clip.ndim != 2 or clip.shape[1] != ROWS or clip.dtype.kind != "f" or not len(clip):
             found = f"clips of {clip.dtype} {clip.shape}"
             raise InputError(found, where=f"{path}:clips[{number}]", expected=f"floats (frames, {ROWS})")
-    sha256, rig, split = sha256_of(path), map_rig(SKELETON).rig, SPLITS.get(path.parent.name, "")
+    sha256, rig, split = io.sha256_of(path), map_rig(SKELETON).rig, SPLITS.get(path.parent.name, "")
     whole = joined(clips) if all(len(clip) == WINDOW for clip in clips) else clips
     for number, rows in enumerate(whole):
         name = f"{database}_{split}_{number:04d}" if split else f"{database}_{number:04d}"

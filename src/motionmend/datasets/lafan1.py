@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from ..body import map_rig
 from ..corpus import Dropped
 from ..errors import InputError
 from ..progress import Stage, silent
-from . import Raw, sha256_of
+from . import Raw
 
 NAME = "lafan1"
 LICENCE = "CC-BY-NC-ND-4.0"
@@ -54,26 +54,37 @@ def read(source: Path, *, stage: Stage = silent) -> Iterator[Raw | Dropped]:
     archive = source if source.is_file() else next(iter(sorted(source.rglob(ARCHIVE))), None)
     if archive is None:
         raise InputError("no take", where=source, expected=f"{ARCHIVE}, or files such as walk1_subject5.bvh")
-    with opened(archive) as file, tempfile.TemporaryDirectory() as folder:
-        members = {Path(info.filename).name: info for info in file.infolist()}
-        names = sorted(name for name in members if _NAME.fullmatch(name))
-        if not names:
-            raise InputError("no take in the archive", where=archive, expected="files such as walk1_subject5.bvh")
-        for name in names:
-            stage(name)
-            label, path = f"{archive.name}/{name}", Path(folder) / name
-            if members[name].file_size > LARGEST:
-                yield Dropped(label, f"{members[name].file_size:,} bytes are more than a take has")
-                continue
-            with file.open(members[name]) as packed, path.open("wb") as unpacked:
-                shutil.copyfileobj(packed, unpacked)
+    none = True
+    for path, size in unpacked(archive, lambda name: bool(_NAME.fullmatch(name))):
+        stage(path.name)
+        none, label = False, f"{archive.name}/{path.name}"
+        if size > LARGEST:
+            yield Dropped(label, f"{size:,} bytes are more than a take has")
+        else:
             yield _take(path, label)
-            path.unlink()
+    if none:
+        raise InputError("no take in the archive", where=archive, expected="files such as walk1_subject5.bvh")
+
+
+def unpacked(archive: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[Path, int]]:
+    """Those files of an archive whose names are wanted, by name, and their sizes in bytes.
+
+    Each is there only until the next is asked for, and not at all if it is larger than LARGEST. InputError where the
+    archive cannot be read.
+    """
+    with _opened(archive) as file, tempfile.TemporaryDirectory() as folder:
+        members = {Path(info.filename).name: info for info in file.infolist()}
+        for name in sorted(filter(wanted, members)):
+            path, size = Path(folder) / name, members[name].file_size
+            if size <= LARGEST:
+                with file.open(members[name]) as packed, path.open("wb") as whole:
+                    shutil.copyfileobj(packed, whole)
+            yield path, size
+            path.unlink(missing_ok=True)
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive, for as long as it is read. InputError if that cannot be done, when opened or later."""
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     try:
         with zipfile.ZipFile(path) as file:
             yield file
@@ -95,4 +106,4 @@ def _take(path: Path, file: str) -> Raw | Dropped:
         return Dropped(file, str(error).removeprefix(f"{path}: "))
     split = "test" if subject == TEST else "train"
     rig = map_rig(take.skeleton).rig
-    return Raw(path.stem, file, subject, split, take.motion, rig, LICENCE, sha256_of(path), take.notes, floor=0.0)
+    return Raw(path.stem, file, subject, split, take.motion, rig, LICENCE, io.sha256_of(path), take.notes, floor=0.0)

@@ -8,6 +8,7 @@ format's take writes a new file.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import os
 import tempfile
@@ -122,6 +123,15 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sha256_of(*paths: Path) -> str:
+    """SHA-256 of the files, one appended to the other."""
+    found = hashlib.sha256()
+    for path in paths:
+        with path.open("rb") as file:
+            hashlib.file_digest(file, lambda: found)
+    return found.hexdigest()
 
 
 def format_of(path: Path) -> Format:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..checkpoints import span
+from .state import aside
 
 
 class Journal:
@@ -125,6 +126,5 @@ def cut_back(path: Path, step: int) -> None:
                 kept.append(line)
         except (ValueError, KeyError, TypeError):
             continue
-    aside = path.with_name(f".{path.name}.part")
-    aside.write_text("".join(kept), encoding="utf-8")
-    aside.replace(path)
+    with aside(path) as part:
+        part.write_text("".join(kept), encoding="utf-8")

@@ -43,11 +43,10 @@ def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus
         raise InputError("a run is there already" if path.is_file() else "this is not a run", where=folder, hint=hint)
     else:
         settings = config.resolved(settings, "bf16" if bf16_pays(device) else "fp32")
-    aside = folder / ".config.toml.part"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        aside.write_text(config.write(settings), encoding="utf-8")
-        aside.replace(path)
+        with state.aside(path) as part:
+            part.write_text(config.write(settings), encoding="utf-8")
     except OSError as error:
         raise InputError(f"the run's folder cannot be written: {error.strerror}", where=folder) from None
     return settings

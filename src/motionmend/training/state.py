@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch
@@ -65,19 +66,27 @@ def spread(tensors: Mapping[str, Tensor], network: nn.Module, optimiser: torch.o
             optimiser.state[parameter][moment] = value.to(device)
 
 
-def save(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, object]) -> None:
-    """Write a checkpoint so that at any moment there is a whole one: aside, to the disk, then renamed.
+@contextmanager
+def aside(path: Path) -> Iterator[Path]:
+    """The name under which to write a file of a run, which gets its own name when it is whole.
 
-    The aside file has one fixed name, so one that a kill left behind is overwritten and never read.
+    `io.write_whole` for what may be killed at any moment: the name is a fixed one, so a file that a kill left behind is
+    overwritten by the next and never read.
     """
-    aside = path.with_name(f".{path.name}.part")
+    part = path.with_name(f".{path.name}.part")
+    yield part
+    part.replace(path)
+
+
+def save(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, object]) -> None:
+    """Write a checkpoint so that at any moment there is a whole one: aside, to the disk, then renamed."""
     # Copies, because safetensors refuses tensors that share memory, as tied weights do.
     whole = torch.contiguous_format
     copies = {name: value.detach().cpu().clone(memory_format=whole) for name, value in tensors.items()}
-    save_file(copies, aside, metadata={key: str(value) for key, value in metadata.items()})
-    with aside.open("rb+") as file:
-        os.fsync(file.fileno())
-    aside.replace(path)
+    with aside(path) as part:
+        save_file(copies, part, metadata={key: str(value) for key, value in metadata.items()})
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
     if os.name == "posix":  # elsewhere a folder cannot be opened
         folder = os.open(path.parent, os.O_RDONLY)
         os.fsync(folder)
@@ -98,8 +107,7 @@ def keep_copy(path: Path, step: int, keep: int) -> None:
     """Copy a checkpoint beside itself as `step-NNN.safetensors`, and keep only the newest few of those."""
     if not keep:
         return
-    aside = path.with_name(".copy.part")
-    shutil.copyfile(path, aside)
-    aside.replace(path.with_name(f"step-{step:09d}.safetensors"))
+    with aside(path.with_name(f"step-{step:09d}.safetensors")) as part:
+        shutil.copyfile(path, part)
     for old in sorted(path.parent.glob("step-*.safetensors"))[:-keep]:
         old.unlink()

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..models.network import Network
 from ..motion import Skeleton
 from .config import Settings
+from .state import aside
 
 Array = np.ndarray
 Validate = Callable[[Network, Corpus, Settings, Path], dict[str, float]]
@@ -127,9 +128,8 @@ def draw_samples(
             axis.set_axis_off()
             axis.set_title(f"frame {frame}" + (", hidden" if hidden else ""), fontsize=8)
     path.parent.mkdir(exist_ok=True)
-    aside = path.with_name(f".{path.name}.part")
-    FigureCanvasAgg(figure).print_png(str(aside))
-    aside.replace(path)
+    with aside(path) as part:
+        FigureCanvasAgg(figure).print_png(str(part))
 
 
 def _draw(axis, pose: Array, skeleton: Skeleton, colour: str) -> None:
