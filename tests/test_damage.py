@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motionmend import damage
+from motionmend.body import JOINT, LIMBS
 from motionmend.errors import InputError
 from motionmend.rotations import apply, from_rotvec, inverse, multiply, to_rotvec
 
@@ -306,3 +307,41 @@ DRAWS = {
 def test_the_seed_decides(draw):
     np.testing.assert_array_equal(draw(rng(3)), draw(rng(3)))
     assert not np.array_equal(draw(rng(3)), draw(rng(4)))
+
+
+# ── what happens to real takes ──────────────────────────────────────────────────────────────────────────────────
+
+
+def test_real_takes_lose_bodies_and_limbs_for_a_while_and_are_displaced():
+    positions = rng(5).normal(0, 1, (6000, 60, 21, 3)).astype(np.float32)
+    observed = rng(6).random(positions.shape[:3]) > 0.1
+    before = positions.copy()
+    damaged, hidden, moved = damage.take_damage(positions, observed, rng(7))
+    assert np.array_equal(positions, before)
+    assert damaged.dtype == np.float32 and hidden.shape == moved.shape == (6000, 60, 21)
+    changed = np.any(damaged != positions, axis=-1) & observed & ~hidden
+    assert not (moved & ~observed).any() and not (moved & hidden).any()
+    assert not (changed & ~moved).any(), "what is shown wrong is told"
+    assert (changed & moved).sum() > 0.999 * moved.sum()
+    apart = np.linalg.norm(damaged - positions, axis=-1)[moved]
+    assert 0.9 < apart.max() <= 1.3 and np.median(apart) < 0.3
+    whole_body = hidden.any(axis=(1, 2)) & (hidden.all(axis=2) == hidden.any(axis=2)).all(axis=1)
+    assert within(whole_body.sum(), 6000, 0.35)
+    nothing_hidden = ~hidden.any(axis=(1, 2))
+    assert within(nothing_hidden.sum(), 6000, 0.18)  # displaced, or noisy
+    lengths = hidden.all(axis=2).sum(axis=1)[whole_body]
+    assert lengths.min() == 3 and lengths.max() == 56
+
+
+def test_gaps_alone_show_nothing_that_is_not_true():
+    positions = rng(8).normal(0, 1, (500, 60, 21, 3)).astype(np.float32)
+    observed = np.ones(positions.shape[:3], bool)
+    damaged, hidden, moved = damage.take_damage(positions, observed, rng(9), gaps_only=True)
+    assert np.array_equal(damaged, positions) and not moved.any()
+    assert hidden.any(axis=(1, 2)).mean() > 0.99  # each of some joints may be none
+
+
+def test_groups_are_limbs_that_hang_together():
+    for group in damage.GROUPS:
+        assert len(set(group)) == len(group) and JOINT["hips"] not in group and JOINT["head"] not in group
+    assert set(LIMBS.values()) <= set(damage.GROUPS)

@@ -23,6 +23,16 @@ def windows(seed: int, batch: int = 3, frames: int = 6, joints: int = 21, hidden
     return positions, observed
 
 
+def unpacked(inputs: dict[str, np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """Tokens back in their places, token by token."""
+    out = np.zeros((*shape, 3), np.float32)
+    for row, (tokens, index, there) in enumerate(zip(inputs["tokens"], inputs["index"], inputs["there"])):
+        for token, place, real in zip(tokens, index, there):
+            if real:
+                out[row, place // shape[2], place % shape[2]] = token
+    return out
+
+
 def a_body() -> np.ndarray:
     """One pose (1, 1, 21, 3) that faces +Z, asymmetric."""
     pose = np.zeros((1, 1, 21, 3), np.float32)
@@ -41,8 +51,17 @@ def test_what_goes_in_comes_back(name, seed, frames, hidden):
     space = SPACES[name]()
     assert space.name == name
     inputs, known = space.encode(positions, observed)
-    assert all(np.isfinite(value).all() and value.dtype in (np.float32, np.bool_) for value in inputs.values())
-    back = space.decode(inputs["positions"] if name == "floor_mean" else inputs["trajectories"], known)
+    kinds = (np.float32, np.bool_, np.int64)
+    assert all(np.isfinite(value).all() and value.dtype in kinds for value in inputs.values())
+    # What each space calls the answer of a network that changes nothing.
+    unchanged = {
+        "floor_mean": lambda: inputs["positions"],
+        "first_pelvis": lambda: inputs["trajectories"],
+        "joint_tokens": lambda: unpacked(inputs, observed.shape),
+        "tokens_on_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
+        "tokens_off_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
+    }
+    back = space.decode(unchanged[name](), known)
     assert back.shape == positions.shape and back.dtype == np.float32
     assert np.isfinite(back).all()
     np.testing.assert_allclose(back[observed], positions[observed], atol=1e-5)
@@ -66,6 +85,53 @@ def test_floor_mean_forgets_where_on_the_floor():
     moved = positions + np.array([64, 0, -32], np.float32)
     one, two = (SPACES["floor_mean"]().encode(each, observed)[0]["positions"] for each in (positions, moved))
     np.testing.assert_allclose(one, two, atol=2e-5)
+
+
+def test_tokens_are_what_is_observed_once_and_in_order():
+    positions, observed = windows(3, batch=4)
+    observed[1], observed[2] = False, True
+    inputs, _ = SPACES["joint_tokens"]().encode(positions, observed)
+    assert inputs["tokens"].shape == (4, 6 * 21, 3)
+    for row in range(4):
+        frames, joints = np.nonzero(observed[row])
+        assert inputs["there"][row].sum() == len(frames)
+        assert inputs["index"][row, inputs["there"][row]].tolist() == (frames * 21 + joints).tolist()
+    few, _ = SPACES["joint_tokens"]().encode(positions[1:2], observed[1:2])
+    assert few["tokens"].shape == (1, 1, 3) and not few["there"].any()
+
+
+@given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 99))
+@QUICK
+def test_tokens_on_curves_do_not_depend_on_where_the_body_stands_and_faces(turn, seed):
+    rng = np.random.default_rng(seed)
+    body = np.repeat(a_body(), 8, axis=1) + rng.normal(0, 0.03, (1, 8, 21, 3)).astype(np.float32)
+    observed = rng.random((1, 8, 21)) > 0.3
+    elsewhere = turned(body, np.array([turn])) + np.array([3, 0, -2], np.float32)
+    one, two = (SPACES["tokens_on_curves"]().encode(each, observed)[0] for each in (body, elsewhere))
+    np.testing.assert_allclose(one["tokens"], two["tokens"], atol=2e-5)
+    np.testing.assert_allclose(one["curve"], two["curve"], atol=2e-4)
+
+
+def test_a_body_that_is_encoded_faces_z():
+    body, observed = turned(a_body(), np.array([2.0])), np.ones((1, 1, 21), bool)
+    inputs, _ = SPACES["tokens_on_curves"]().encode(body, observed)
+    faces = facing(Motion(inputs["curve"][0, ..., :3], observed[0], 60, BODY))
+    np.testing.assert_allclose(faces[0], [0, 0, 1], atol=1e-5)
+
+
+def test_an_answer_off_curves_counts_by_the_distance_from_what_is_seen():
+    observed = np.ones((1, 30, 21), bool)
+    observed[0, 4:24, 5] = False  # 20 frames
+    observed[0, 27:, 6] = False  # to the end
+    observed[0, :, 7] = False
+    positions = np.zeros((1, 30, 21, 3), np.float32)
+    space = SPACES["tokens_off_curves"]()
+    _, known = space.encode(positions, observed)
+    moved = space.decode(np.ones_like(positions), known)[0, :, :, 1]
+    assert (moved[observed[0]] == 0).all()
+    np.testing.assert_allclose(moved[4:24, 5], [min(1, min(d, 21 - d) / 8) ** 2 for d in range(1, 21)], atol=1e-6)
+    np.testing.assert_allclose(moved[27:, 6], [1 / 64, 4 / 64, 9 / 64], atol=1e-6)
+    assert (moved[:, 7] == 1).all()
 
 
 def test_first_pelvis_is_the_origin_in_height_too():

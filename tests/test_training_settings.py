@@ -72,7 +72,7 @@ def test_settings_come_back_from_toml(tmp_path):
         ("steps = 2.5", "steps is 2.5.*int"),
         ("compile = 1", "compile is 1.*bool"),
         ("betas = [0.9]", "betas has 1 values"),
-        ('schedule = "cosin"', "schedule is 'cosin'.*cosine, constant, step"),
+        ('schedule = "cosin"', "schedule is 'cosin'.*cosine, constant, step, trapezoid"),
         ('name = "xmae"', "these settings are for 'xmae'"),
         ("network = 3", "network is not a table"),
         ("steps = ", "not TOML"),
@@ -170,6 +170,10 @@ def test_schedules_by_hand():
     cosine = [rate(base, step) for step in (0, 4, 9, 10, 55, 99)]
     assert np.allclose(cosine, [0.1, 0.5, 1.0, 1.0, 0.5, math.sin(math.pi / 180) ** 2])
     assert [rate(replace(base, schedule="constant"), step) for step in (0, 10, 99)] == [0.1, 1.0, 1.0]
+    trapezoid = replace(base, schedule="trapezoid")
+    assert np.allclose([rate(trapezoid, step) for step in (0, 10, 79, 80, 90, 99)], [0.1, 1, 1, 1, 0.5, 0.05])
+    longer = replace(trapezoid, steps=200, warmup=0.05)
+    assert config.changes(trapezoid, longer, 80) == [] and config.changes(trapezoid, longer, 90) != []
     falls = replace(base, schedule="step", step_every=30, warmup=0.0)
     assert [rate(falls, step) for step in (0, 29, 30, 59, 60, 90)] == [1, 1, 1 / 4, 1 / 4, 1 / 16, 1 / 64]
     assert rate(replace(base, warmup=0.0), 0) == 1.0

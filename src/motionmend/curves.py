@@ -120,3 +120,68 @@ CURVES = {
         Curve("cubic", _cubic, lambda fps: max(SPLINE_SAMPLES, velocity_frames(fps))),
     )
 }
+
+
+def between_seen(positions: Array, observed: Array) -> tuple[Array, Array]:
+    """Cubic Hermite curves, and straight lines, through whatever is observed, in all joints of many windows at once.
+
+    Parameters
+    ----------
+    positions : `(B, T, J, 3)` float32, finite where `observed (B, T, J)`, not read elsewhere.
+
+    Returns
+    -------
+    Both `(B, T, J, 3)` float32: `positions` where observed. Before a joint's first and after its last sample it stands
+    still; a joint with none is where the mean of the window's other joints is; 0 where nothing is observed.
+
+    The seams' velocities are measured as `velocity` does, over NEAR frames; over one frame where fewer are observed in
+    a row, and along the chord where the seam stands alone.
+    """
+    frames = observed.shape[1]
+    seen = observed[..., None]
+    known = np.where(seen, positions, np.float32(0))
+    clock = np.arange(frames)[None, :, None]
+    before = np.maximum.accumulate(np.where(observed, clock, -1), axis=1)
+    after = np.minimum.accumulate(np.where(observed, clock, frames)[:, ::-1], axis=1)[:, ::-1]
+    first, last = np.maximum(before, 0), np.minimum(after, frames - 1)
+    first, last = np.where(before < 0, last, first), np.where(after >= frames, first, last)
+    span = np.maximum(last - first, 1).astype(np.float32)[..., None]
+    u = (clock - first)[..., None] / span
+
+    def at(values: Array, index: Array) -> Array:
+        return np.take_along_axis(values, index[..., None], axis=1)
+
+    start, stop = at(known, first), at(known, last)
+    chord = stop - start
+    slopes = []
+    for side, index in ((-1, first), (1, last)):
+        slope, sure = _slopes(known, observed, side)
+        slopes.append(np.where(at(sure[..., None], index), at(slope, index) * span, chord))
+    leaving, arriving = slopes
+    curve = start + u**2 * (3 - 2 * u) * chord + u * (1 - u) ** 2 * leaving + u**2 * (u - 1) * arriving
+    between = ((before >= 0) & (after < frames))[..., None]
+    held = np.where(before[..., None] >= 0, start, stop)
+    curve, line = (np.where(seen, known, np.where(between, each, held)) for each in (curve, start + u * chord))
+    ever = observed.any(axis=1)[:, None, :, None]
+    middle = np.where(ever, curve, 0).sum(axis=2, keepdims=True) / np.maximum(ever.sum(axis=2, keepdims=True), 1)
+    return np.where(ever, curve, middle).astype(np.float32), np.where(ever, line, middle).astype(np.float32)
+
+
+NEAR = 4  # frames beside the seam: VELOCITY_SECONDS at 60 fps
+
+
+def _slopes(known: Array, observed: Array, side: int) -> tuple[Array, Array]:
+    """Velocity a frame `(B, T, J, 3)` at each sample from those on one `side` of it, and where there is one."""
+    frames = known.shape[1]
+    pad = [(0, 0), (NEAR, NEAR), (0, 0)]
+    around, there = np.pad(known, [*pad, (0, 0)]), np.pad(observed, pad)
+    away = side * np.arange(NEAR + 1)
+    weights = velocity(away.astype(float), 0.0).astype(np.float32)
+    slope, all_there = np.zeros_like(known), np.ones_like(observed)
+    for distance, weight in zip(away, weights):
+        part = slice(NEAR + distance, NEAR + distance + frames)
+        slope += weight * around[:, part]
+        all_there &= there[:, part]
+    beside = slice(NEAR + side, NEAR + side + frames)
+    step = (around[:, beside] - known) * np.float32(side)
+    return np.where(all_there[..., None], slope, step), there[:, beside] & observed

@@ -13,10 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .body import JOINT
 from .errors import InputError
 from .rotations import from_rotvec, multiply, normalised, to_rotvec
 
 Array = np.ndarray
+
+_ARM, _LEG = ("upper_arm", "forearm", "hand"), ("thigh", "shin", "foot", "toe")
 
 Stretch = tuple[Sequence[int], int, int]  # joint indices, start, stop
 
@@ -221,3 +224,69 @@ def rotation_noise(rotations: Array, sigma: float, rng: np.random.Generator, *, 
     if added:
         return from_rotvec(to_rotvec(rotations) + noise).astype(rotations.dtype)
     return multiply(rotations, from_rotvec(noise)).astype(rotations.dtype)
+
+
+GROUPS = tuple(
+    tuple(JOINT[f"{side}_{part}"] for side in sides for part in parts)
+    for parts, sides in (
+        *((limb, (side,)) for limb in (_ARM, _LEG) for side in ("left", "right") for _ in range(3)),
+        *((limb, (side,)) for limb in (_ARM[1:], _LEG[1:]) for side in ("left", "right")),
+        (_ARM, ("left", "right")), (_LEG, ("left", "right")),
+        (("shoulder", *_ARM), ("left",)), (("shoulder", *_ARM), ("right",)),
+        (("shoulder", *_ARM, *_LEG), ("left",)), (("shoulder", *_ARM, *_LEG), ("right",)),
+    )
+)  # fmt: skip
+
+
+def take_damage(
+    positions: Array, observed: Array, rng: np.random.Generator, *, gaps_only: bool = False
+) -> tuple[Array, Array, Array]:
+    """What happens to real takes, one kind a window: what XMAE's uniform masks are too mild and too even to teach.
+
+    A gap of the whole body (35 %); of one of GROUPS, at times for the whole window (29 %); 50 to 95 % of all samples
+    gone one by one (10 %); a gap of its own for each of some joints (8 %); one of GROUPS displaced by one offset of up
+    to a metre for a while (10 %); Gaussian noise of up to 60 mm on everything (8 %). In one window of six, 5 % of what
+    is left are displaced besides, as XMAE does. With `gaps_only` nothing is shown that is not true.
+
+    Parameters
+    ----------
+    positions : `(B, T, J, 3)` float32 metres of BODY's joints; observed : `(B, T, J)` bool.
+
+    Returns
+    -------
+    positions, damaged; `(B, T, J)` hidden; `(B, T, J)` moved, True where a sample is shown that is not the truth.
+    """
+    windows, frames, joints = observed.shape
+    chance = rng.random(windows) * (0.82 if gaps_only else 1)
+    kind = np.searchsorted(np.cumsum([0.35, 0.29, 0.10, 0.08, 0.10]), chance, side="right")
+    clock = np.arange(frames)[:, None]
+    members = np.zeros((len(GROUPS), joints), bool)
+    for row, group in enumerate(GROUPS):
+        members[row, list(group)] = True
+    chosen = members[rng.integers(len(GROUPS), size=windows)]
+    some = rng.random((windows, joints)) < 0.3
+    who = np.select([kind[:, None] == 0, kind[:, None] == 3], [np.ones((windows, joints), bool), some], chosen)
+    # One span for all joints, but one each where each has its own gap. Half of them in the middle, as tests have them.
+    own = (kind == 3)[:, None]
+    uniform = np.where(own, rng.random((3, windows, joints)), rng.random((3, windows, 1)))
+    longest = np.where(kind == 0, frames - 4, frames)[:, None]
+    length = 3 + np.floor(uniform[0] * (longest - 2))
+    length = np.where((kind[:, None] != 0) & (uniform[2] > 0.9), frames, length)
+    room = frames - length
+    start = np.where(uniform[2] < 0.5, np.round(room * (0.45 + 0.1 * uniform[1])), np.floor(uniform[1] * (room + 1)))
+    inside = (clock >= start[:, None]) & (clock < (start + length)[:, None]) & who[:, None]
+    share = rng.uniform(0.5, 0.95, (windows, 1, 1))
+    scattered = rng.random(observed.shape, np.float32) < share
+    hidden = np.select([(kind < 2)[:, None, None] | own[:, None], kind[:, None, None] == 2], [inside, scattered], False)
+
+    if gaps_only:
+        return positions, hidden, np.zeros_like(hidden)
+    moved = inside & (kind == 4)[:, None, None]
+    odd = (rng.random((windows, 1, 1)) < 1 / 6) & (rng.random(observed.shape, np.float32) < 0.05)
+    offsets = np.where(moved[..., None], constant_offsets(windows, rng, shortest=0.05), 0)
+    offsets = np.where((odd & ~moved)[..., None], ball(observed.shape, 1.0, rng), offsets)
+    noisy = (kind == 5)[:, None, None]
+    sigma = np.where(noisy, rng.uniform(0, 0.06, (windows, 1, 1)), 0)[..., None].astype(np.float32)
+    noise = sigma * rng.standard_normal(positions.shape, np.float32)
+    shown = observed & ~hidden
+    return positions + offsets.astype(np.float32) + noise, hidden, shown & (moved | odd | noisy)

@@ -131,12 +131,16 @@ def example(network: Network, windows: tuple[Array, Array]) -> dict[str, torch.T
     if network.generative:
         inputs = {**inputs, "noise": np.zeros((2, network.noise_size), np.float32)}
     order = inspect.signature(network.forward).parameters
-    return {name: torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in order}
+    return {name: torch.from_numpy(np.ascontiguousarray(inputs[name])) for name in order if name in inputs}
 
 
 def graph_of(network: Network, inputs: dict[str, torch.Tensor]):
     """The network as an ONNX model, its batch axis free, and its frames where they are: half-precision weights."""
-    axes: dict[str, dict[int, Any]] = {name: {0: torch.export.Dim("batch")} for name in inputs}
+    free = {name: torch.export.Dim(name) for of_input in network.axes.values() for name in of_input.values()}
+    axes: dict[str, dict[int, Any]] = {
+        name: {0: torch.export.Dim("batch")} | {axis: free[each] for axis, each in network.axes.get(name, {}).items()}
+        for name in inputs
+    }
     if network.any_length:
         frames = torch.export.Dim("frames")
         for name in ("positions", "observed"):

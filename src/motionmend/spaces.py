@@ -10,10 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .body import LEFT_RIGHT
+from .body import JOINT, LEFT_RIGHT
+from .curves import between_seen
 
 Array = np.ndarray
 
+ACROSS = tuple(JOINT[f"left_{part}"] for part in ("thigh", "shoulder", "upper_arm"))
+LEEWAY = 8  # frames
 
 class Space(Protocol):
     """A pair of maps between windows in the world and a network's inputs and output."""
@@ -49,6 +52,66 @@ class FloorMean:
         return (output + known).astype(np.float32)
 
 
+class JointTokens(FloorMean):
+    """FloorMean's coordinates, of the observed samples alone (Björkstrand et al. 2023, section 3).
+
+    A token is one joint in one frame. Inputs, N = the most tokens that a window of the batch has, or 1: `tokens
+    (B, N, 3)`, `index (B, N)` int64, which is frame · J + joint, and `there (B, N)`, False where a window has fewer.
+    Output: `(B, T, J, 3)`.
+    """
+
+    name = "joint_tokens"
+
+    def encode(self, positions: Array, observed: Array) -> tuple[dict[str, Array], Any]:
+        inputs, origin = super().encode(positions, observed)
+        return packed(inputs["positions"], observed), origin
+
+
+class TokensOnCurves:
+    """JointTokens, turned so that the body faces +Z in the mean, and told as differences from `curves.between_seen`.
+
+    Where a network begins at a curve through what is seen, an answer of nothing is as good as the curve. The body's
+    left is from its right thighs, shoulders and upper arms to its left ones, wherever both are observed.
+    Inputs: JointTokens', and `curve (B, T, J, 8)`: where the curve is, ten times what the straight line between the
+    samples is from there, and the shares of a window since the last and until the next of them. Output: the difference
+    from the curve, `(B, T, J, 3)`.
+    """
+
+    name = "tokens_on_curves"
+
+    def encode(self, positions: Array, observed: Array) -> tuple[dict[str, Array], Any]:
+        inputs, origin = FloorMean().encode(positions, observed)
+        angles = -leftward(positions, observed)
+        tokens = turned(inputs["positions"], angles)
+        curve, line = between_seen(tokens, observed)
+        before, after = away(observed)
+        shares = np.stack([before, after], axis=-1, dtype=np.float32) / observed.shape[1]
+        course = np.concatenate([curve, 10 * (line - curve), shares], axis=-1, dtype=np.float32)
+        leeway = self.leeway(np.minimum(before, after))
+        return {**packed(tokens, observed), "curve": course}, (origin, angles, curve, leeway)
+
+    def decode(self, output: Array, known: Any) -> Array:
+        origin, angles, curve, leeway = known
+        return (turned(output * leeway + curve, -angles) + origin).astype(np.float32)
+
+    def leeway(self, nearest: Array) -> Array:
+        """`(B, T, J, 1)` float32, by which the answer is multiplied so many frames from the `nearest` sample."""
+        return np.ones((*nearest.shape, 1), np.float32)
+
+
+class TokensOffCurves(TokensOnCurves):
+    """TokensOnCurves for what is seen being true: the answer counts for nothing there, and for little close by.
+
+    (d / LEEWAY)², at most 1, for a sample that is d frames from the nearest one of its joint that is observed: as the
+    error of a curve grows. So a fill leaves its seams as smoothly as the curve does.
+    """
+
+    name = "tokens_off_curves"
+
+    def leeway(self, nearest: Array) -> Array:
+        return np.minimum(nearest / LEEWAY, 1)[..., None].astype(np.float32) ** 2
+
+
 class FirstPelvis:
     """The pelvis of the first frame is the origin, in height too (Kania et al. 2021, section 4).
 
@@ -76,7 +139,8 @@ class FirstPelvis:
         return np.concatenate([np.where(seen[..., None], first, begin), rest], axis=1, dtype=np.float32)
 
 
-SPACES: dict[str, type[Space]] = {space.name: space for space in (FloorMean, FirstPelvis)}
+_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, TokensOnCurves, TokensOffCurves, FirstPelvis)
+SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
 
 
 def turned(positions: Array, angles: Array) -> Array:
@@ -88,6 +152,37 @@ def turned(positions: Array, angles: Array) -> Array:
     sine, cosine = np.sin(angles).astype(positions.dtype), np.cos(angles).astype(positions.dtype)
     x, y, z = np.moveaxis(positions, -1, 0)
     return np.stack([x * cosine + z * sine, y, z * cosine - x * sine], axis=-1)
+
+
+def leftward(positions: Array, observed: Array) -> Array:
+    """`(B,)` radians about the vertical, from +X to the body's left in the mean over a window; 0 where it is unseen.
+
+    In the sense of `turned`: turning by minus this angle makes the body face +Z.
+    """
+    left, right = np.array([pair for pair in LEFT_RIGHT if pair[0] in ACROSS]).T
+    both = observed[:, :, left] & observed[:, :, right]
+    across = np.where(both[..., None], positions[:, :, left] - positions[:, :, right], 0).sum(axis=(1, 2), dtype=float)
+    return -np.arctan2(across[:, 2], across[:, 0])
+
+
+def away(observed: Array) -> tuple[Array, Array]:
+    """Frames since a joint's last observed sample and until its next, `(B, T, J)` each; T where there is none."""
+    frames = observed.shape[1]
+    clock = np.arange(frames)[None, :, None]
+    before = clock - np.maximum.accumulate(np.where(observed, clock, -frames), axis=1)
+    after = np.minimum.accumulate(np.where(observed, clock, 2 * frames)[:, ::-1], axis=1)[:, ::-1] - clock
+    return np.minimum(before, frames), np.minimum(after, frames)
+
+
+def packed(positions: Array, observed: Array) -> dict[str, Array]:
+    """The observed ones of `positions (B, T, J, 3)` in the order of frames and joints: JointTokens' inputs."""
+    rows = len(positions)
+    seen = observed.reshape(rows, -1)
+    count = seen.sum(axis=1)
+    most = max(1, int(count.max(initial=0)))
+    index = np.argsort(~seen, axis=1, kind="stable")[:, :most]
+    tokens = np.take_along_axis(positions.reshape(rows, -1, 3), index[..., None], axis=1)
+    return {"tokens": tokens, "index": index, "there": np.arange(most) < count[:, None]}
 
 
 def mirrored(

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from .network import Network
 
 # name -> "module:Class"; a module that begins with a dot is in this package.
-NETWORKS: dict[str, str] = {}
+NETWORKS: dict[str, str] = {
+    "xmae": ".xmae:XMAE",
+}
 
 
 def network_class(name: str) -> type[Network]:

@@ -19,7 +19,7 @@ class Network(nn.Module):
 
     name: ClassVar[str]
     """As users say it: "xmae"."""
-    space: ClassVar[str]
+    space: str
     """How positions become the graph's inputs and come back: a name in `motionmend.spaces.SPACES`."""
     fps: ClassVar[float]
     """Frames per second of its windows."""
@@ -37,6 +37,8 @@ class Network(nn.Module):
     """Whether `forward` takes windows of other lengths than T too; the exported graph does then."""
     Config: ClassVar[type]
     """A frozen dataclass with defaults: sizes, and options of its augmentation and corruption."""
+    axes: ClassVar[dict[str, dict[int, str]]] = {}
+    """Axes of its inputs, besides the first, that have another length in each call: input → axis → name."""
     TRIALS: ClassVar[dict[str, dict[str, Any]]] = {"": {}}
     """Small configurations that the contract suite tries: a name, and fields of its Config."""
     DEFAULTS: ClassVar[dict[str, Any]] = {}

@@ -31,8 +31,9 @@ class Settings:
     """Decoupled weight decay (AdamW)."""
     warmup: float = 0.02
     """Share of the steps in which the learning rate climbs linearly to its peak."""
-    schedule: Literal["cosine", "constant", "step"] = "cosine"
-    """After the warm-up: down to zero along half a cosine, constant, or a quarter every --step-every steps."""
+    schedule: Literal["cosine", "constant", "step", "trapezoid"] = "cosine"
+    """After the warm-up: down to zero along half a cosine, constant, a quarter every --step-every steps, or constant
+    and straight to zero in the last fifth, so that a run can be made longer until then."""
     step_every: int = 80_000
     """Steps between the falls of the schedule `step`."""
     clip: float = 1.0
@@ -70,6 +71,7 @@ FREE = {
     "workers", "validate_every", "validation_windows", "checkpoint_every", "checkpoint_minutes", "keep", "log_every",
 }  # fmt: skip
 # What it may change as long as the learning rates of the steps already taken stay the same.
+FALL = 0.2  # share of the steps in which the schedule `trapezoid` goes down
 RATES = {"steps", "lr", "warmup", "schedule", "step_every"}
 
 
@@ -82,6 +84,8 @@ def rate(settings: Settings, step: int) -> float:
         return settings.lr * 0.5 * (1 + math.cos(math.pi * (step - climb) / max(1, settings.steps - climb)))
     if settings.schedule == "step":
         return settings.lr * 0.25 ** (step // settings.step_every)
+    if settings.schedule == "trapezoid":
+        return settings.lr * min(1.0, (settings.steps - step) / (FALL * settings.steps))
     return settings.lr
 
 

@@ -1,0 +1,147 @@
+"""XMAE as its paper has it: sizes, who meets whom, and what training shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from motionmend.fills import FILLS  # noqa: E402
+from motionmend.models.xmae import XMAE, XMAEConfig  # noqa: E402
+from motionmend.motion import Motion  # noqa: E402
+from motionmend.spaces import SPACES  # noqa: E402
+from walks import walk  # noqa: E402
+
+
+def network(**fields) -> XMAE:
+    torch.manual_seed(0)
+    return XMAE(XMAEConfig(**fields), 21).eval()
+
+
+def parameters(**fields) -> int:
+    return sum(each.numel() for each in network(**fields).parameters())
+
+
+def windows(count: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    take = walk(60.0)
+    starts = np.linspace(0, len(take) - 60, count).astype(int)
+    positions = take.positions[starts[:, None] + np.arange(60)]
+    return positions, np.ones(positions.shape[:3], bool)
+
+
+def answer(net: XMAE, positions: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    inputs, known = SPACES[net.space]().encode(np.where(observed[..., None], positions, np.nan), observed)
+    with torch.inference_mode():
+        output = net(**{name: torch.from_numpy(np.ascontiguousarray(each)) for name, each in inputs.items()})
+    return SPACES[net.space]().decode(output.numpy(), known)
+
+
+def test_it_has_the_papers_size():
+    assert parameters() == 5_664_003  # "5.6M parameters", section 4.1
+    assert parameters(size="small") < parameters() / 3.9
+    assert parameters(size="large") > parameters() * 3.9
+
+
+def test_an_untrained_network_on_curves_is_the_curve():
+    positions, observed = windows(1)
+    observed[:, 20:40] = False
+    motion = Motion(np.where(observed[0, ..., None], positions[0], np.nan), observed[0], 60.0, walk(60.0).skeleton)
+    for curves in ("on", "off"):
+        found = answer(network(size="small", curves=curves), positions, observed)[0]
+        np.testing.assert_allclose(found, FILLS["hermite"].complete(motion).positions, atol=1e-4)
+
+
+def test_the_encoder_meets_observed_tokens_only_and_the_decoder_them_only_in_cross_attention():
+    net, lengths = network(size="small", encoder_depth=2, decoder_depth=2), {"own": set(), "cross": set()}
+    for block in net.encoder:
+        block.own.register_forward_pre_hook(lambda _, args: lengths["own"].add(args[1].shape[1]))
+    decoder = {"own": set(), "cross": set()}
+    for block in net.decoder:
+        block.own.register_forward_pre_hook(lambda _, args: decoder["own"].add(args[1].shape[1]))
+        assert block.cross is not None
+        block.cross.register_forward_pre_hook(lambda _, args: decoder["cross"].add(args[1].shape[1]))
+    positions, observed = windows(2)
+    observed[:, 10:50] = False
+    answer(net, positions, observed)
+    assert lengths["own"] == {20 * 21}
+    assert decoder == {"own": {60 * 21}, "cross": {20 * 21}}  # all mask tokens, always
+
+
+def test_nothing_that_was_seen_reaches_the_answer_but_through_cross_attention():
+    net = network(size="small", encoder_depth=1)
+    for block in net.decoder:
+        assert block.cross is not None
+        torch.nn.init.zeros_(block.cross.out.weight)
+        torch.nn.init.zeros_(block.cross.out.bias)
+    positions, observed = windows(2)
+    one, two = answer(net, positions, observed)
+    np.testing.assert_allclose(one - one[:1], two - two[:1], atol=1e-5)
+
+
+@pytest.mark.parametrize("decoder", ["cross", "mae", "bert"])
+def test_training_on_some_tokens_asks_the_same_of_the_network_as_on_all(decoder):
+    """A query alone in the decoder differs, but all of them in another order are the same answers."""
+    net = network(size="small", decoder=decoder, encoder_depth=1, decoder_depth=1)
+    positions, observed = windows(3)
+    arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
+    batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    order = torch.from_numpy(np.random.default_rng(1).permuted(np.tile(np.arange(1260), (3, 1)), axis=1))
+    shuffled = {
+        **batch, "asked": order, "weight": batch["weight"].gather(1, order),
+        "target": batch["target"].gather(1, order[..., None].expand(-1, -1, 3)),
+    }  # fmt: skip
+    with torch.inference_mode():
+        np.testing.assert_allclose(net.loss(batch, 0)["loss"], net.loss(shuffled, 0)["loss"], rtol=1e-4)
+
+
+def test_the_loss_is_over_masked_and_displaced_tokens_and_with_bert_over_some_clean_ones():
+    positions, observed = windows(2)
+    for decoder, counted in (("cross", 0.90), ("mae", 0.90), ("bert", 0.95)):
+        net = network(size="small", decoder=decoder, encoder_depth=1)
+        arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
+        assert arrays["there"].sum(axis=1).tolist() == [189, 189]  # 15 % of 1260, displaced ones among them
+        np.testing.assert_allclose(arrays["weight"].mean(axis=1), counted, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"mirror": True, "resize": 0.2},
+        {"curves": "on", "damage": "takes", "mirror": True, "asked": 90, "shown": 70},
+        {"curves": "off", "damage": "gaps", "asked": 90, "shown": 70},
+    ],
+    ids=["paper", "augmented", "on curves", "off curves"],
+)
+def test_the_target_is_a_body(fields):
+    """What the network is to say, put where the loss has it, has bones of one length: no turn or shift is lost."""
+    net = network(size="small", encoder_depth=1, **{**fields, "asked": 0})
+    positions, observed = windows(3)
+    arrays = net.batch(positions, observed, np.random.default_rng(2), 0)
+    told = arrays["target"].reshape(3, 60, 21, 3) + (arrays["curve"][..., :3] if "curve" in arrays else 0)
+    parents = np.array(walk(60.0).skeleton.parents)
+    bones = np.linalg.norm(told[:, :, 1:] - told[:, :, parents[1:]], axis=-1)
+    wanted = np.linalg.norm(positions[:, :, 1:] - positions[:, :, parents[1:]], axis=-1)
+    assert bones.std(axis=1).max() < 1e-3 + 1.2 * wanted.std(axis=1).max()
+    if fields.get("asked"):
+        some = network(size="small", encoder_depth=1, **fields)
+        arrays = some.batch(positions, observed, np.random.default_rng(2), 0)
+        assert arrays["asked"].shape == arrays["weight"].shape == (3, 90) and arrays["target"].shape == (3, 90, 3)
+        assert arrays["tokens"].shape[1] <= 70
+
+
+def test_on_a_handful_of_windows_it_learns():
+    net = network(size="small", encoder_depth=1, decoder_depth=1).train()
+    positions, observed = windows(4)
+    arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
+    batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    optimiser = torch.optim.Adam(net.parameters(), 3e-3)
+    losses = []
+    for _ in range(80):
+        loss = net.loss(batch, 0)["loss"].mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.8 * losses[0]
