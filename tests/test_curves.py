@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend.curves import NEAR, between_seen
+from motionmend.body import BODY, LIMBS
+from motionmend.curves import NEAR, along_bones, between_seen
 from motionmend.fills import FILLS
 from motionmend.motion import Motion, Skeleton
 
@@ -15,16 +16,16 @@ def paths(rng: np.random.Generator, windows: int = 3, frames: int = 40, joints: 
     return rng.normal(0, 0.05, (windows, frames, joints, 3)).cumsum(axis=1).astype(np.float32)
 
 
-@given(seed=st.integers(0, 10_000), length=st.integers(1, 25))
+@given(seed=st.integers(0, 10_000), length=st.integers(1, 55))
 @settings(max_examples=40, deadline=None, derandomize=True)
-def test_gaps_with_context_are_crossed_as_the_hermite_fill_crosses_them(seed, length):
+def test_gaps_with_context_are_crossed_as_the_eased_fill_crosses_them(seed, length):
     rng = np.random.default_rng(seed)
-    positions = paths(rng)
-    start = rng.integers(NEAR + 1, 40 - length - NEAR)
+    positions = paths(rng, frames=70)
+    start = rng.integers(NEAR + 1, 70 - length - NEAR)
     observed = np.ones(positions.shape[:3], bool)
     observed[:, start : start + length, rng.integers(4)] = False
     both = between_seen(np.where(observed[..., None], positions, 0), observed)
-    for name, curves in zip(("hermite", "linear"), both):
+    for name, curves in zip(("eased", "linear"), both):
         for window, seen, found in zip(positions, observed, curves):
             motion = Motion(np.where(seen[..., None], window, np.nan), seen, 60.0, Skeleton.cloud(tuple("abcd")))
             np.testing.assert_allclose(found, FILLS[name].complete(motion).positions, atol=1e-5)
@@ -49,12 +50,35 @@ def test_a_straight_path_goes_on_straight_however_little_is_seen():
     np.testing.assert_allclose(curve[0, 2:18], line[0, 2:18], atol=1e-5)
 
 
-def test_beyond_the_last_sample_a_joint_stands_still_and_one_never_seen_is_amid_the_others():
+def test_beyond_the_last_sample_a_joint_stands_still_and_one_never_seen_is_nowhere():
     positions = np.zeros((1, 5, 3, 3), np.float32)
     positions[0, :, 0, 0], positions[0, :, 1, 0] = np.arange(5), 10
     observed = np.zeros((1, 5, 3), bool)
     observed[0, 1:3, 0], observed[0, :, 1] = True, True
     curve = between_seen(np.where(observed[..., None], positions, 0), observed)[0][0, :, :, 0]
     assert curve[:, 0].tolist() == [1, 1, 2, 2, 2]
-    assert curve[:, 2].tolist() == [5.5, 5.5, 6, 6, 6]
-    assert not np.any(between_seen(positions, np.zeros_like(observed)))
+    assert not np.any(curve[:, 2]) and not np.any(between_seen(positions, np.zeros_like(observed)))
+
+
+@given(seed=st.integers(0, 10_000), limb=st.sampled_from([*LIMBS, ""]))
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_along_bones_a_limb_is_crossed_as_the_bones_fill_crosses_it(seed, limb):
+    rng = np.random.default_rng(seed)
+    positions = paths(rng, windows=1, frames=60, joints=len(BODY))
+    observed = np.ones(positions.shape[:3], bool)
+    observed[:, 10:50, LIMBS[limb] if limb else slice(None)] = False
+    curve, _ = along_bones(np.where(observed[..., None], positions, np.nan), observed, BODY.parents)
+    wanted = FILLS["bones"].complete(Motion(positions[0], observed[0], 60.0, BODY)).positions
+    np.testing.assert_allclose(curve[0], wanted, atol=2e-5)
+
+
+def test_along_bones_what_is_never_seen_lies_on_its_parent():
+    positions = paths(np.random.default_rng(0), joints=len(BODY))
+    observed = np.ones(positions.shape[:3], bool)
+    observed[:, :, LIMBS["left_arm"]] = False
+    curve, _ = along_bones(positions, observed, BODY.parents)
+    above = BODY.parents[LIMBS["left_arm"][0]]
+    for joint in LIMBS["left_arm"]:
+        np.testing.assert_allclose(curve[:, :, joint], positions[:, :, above], atol=1e-5)
+    observed[:, :, 0] = False
+    assert np.isfinite(along_bones(np.where(observed[..., None], positions, np.nan), observed, BODY.parents)).all()

@@ -21,7 +21,7 @@ from rigs import random_rig
 
 METHODS = {**FILLS, "auto": auto.Auto()}
 RIG_METHODS = {**{name: name for name in RIG_FILLS}, "auto": auto.rig_methods}
-CURVES = ("linear", "hermite", "cubic")
+CURVES = ("linear", "hermite", "eased", "cubic")
 
 
 def cloud(positions, observed=None, fps=100.0):
@@ -95,6 +95,26 @@ def test_hermite_is_scipys_with_velocities_of_a_parabola():
         slopes.append(np.linalg.lstsq(design, track[others] - track[seam], rcond=None)[0][0])
     spline = CubicHermiteSpline([24 / fps, 40 / fps], track[[24, 40]], np.array(slopes))
     np.testing.assert_allclose(filled[25:40, 2], spline(np.arange(25, 40) / fps), atol=2e-6)
+
+
+@pytest.mark.parametrize(("first", "last"), [(20, 120), (34, 39)])
+def test_eased_is_scipys_hermite_with_velocities_that_carry_for_three_quarters_of_a_second(first, last):
+    """By hand: parabolas over eight frames where there are so many, slopes of lines where only two are."""
+    positions = smooth_cloud(3, frames=160)
+    observed = np.zeros(positions.shape[:2], bool)
+    beside = 8 if last - first > 50 else 2
+    observed[first - beside - 1 : first], observed[last : last + beside + 1] = True, True
+    filled = FILLS["eased"].complete(cloud(positions, observed)).positions
+    track, fps, seconds = positions[:, 2].astype(np.float32).astype(float), 100.0, (last - first + 1) / 100.0
+    slopes, chord = [], (track[last] - track[first - 1]) / seconds
+    for seam, others in ((first - 1, first - 2 - np.arange(beside)), (last, last + 1 + np.arange(beside))):
+        away = (others - seam) / fps
+        design = np.stack([away**power for power in ((1, 2) if beside == 8 else (1,))], axis=1)
+        slope = np.linalg.lstsq(design, track[others] - track[seam], rcond=None)[0][0]
+        slopes.append(chord + min(1, 0.75 / seconds) * (slope - chord))
+    ends = [(first - 1) / fps, last / fps]
+    spline = CubicHermiteSpline(ends, track[[first - 1, last]], np.array(slopes))
+    np.testing.assert_allclose(filled[first:last, 2], spline(np.arange(first, last) / fps), atol=2e-6)
 
 
 def test_cubic_is_scipys_spline_through_the_samples_around():
@@ -189,13 +209,30 @@ def test_pattern_is_exact_beside_a_donor_that_moves_alike():
     np.testing.assert_allclose(filled.positions, truth, atol=1e-5)
 
 
-def test_donors_may_be_named_and_without_them_it_says_hermite():
+def test_bones_are_exact_below_a_joint_that_jerks_and_say_whom_they_followed():
+    """A limb of two that keeps its shape, hung on a joint that shakes; the joint between them is missing too."""
+    time = np.linspace(0, 1, 60)[:, None]
+    root = np.random.default_rng(0).normal(0, 0.3, (60, 3))
+    elbow = root + [0, 0.3, 0] + time * [0.1, 0, 0]
+    truth = np.stack([root, elbow, elbow + [0.2, 0, 0] + time**2 * [0, 0, 0.1]], axis=1).astype(np.float32)
+    observed = np.ones((60, 3), bool)
+    observed[20:40, 1:] = observed[50:, 2] = False
+    motion = Motion(truth, observed, 100.0, Skeleton(("root", "elbow", "hand"), (-1, 0, 1)))
+    filled, found = FILLS["bones"].fill(motion)
+    np.testing.assert_allclose(filled.positions[:50], truth[:50], atol=1e-5)
+    assert list(found.method) == ["bones"] * 3 and found.donors == {0: (0,), 1: (0,), 2: (1,)}
+    observed[25] = False
+    _, found = FILLS["bones"].fill(motion)
+    assert set(found.method[found.joint == 1]) == {"eased"}, "its donor must be there all the time"
+
+
+def test_donors_may_be_named_and_without_them_it_says_eased():
     positions = smooth_cloud(7)
     observed = np.ones(positions.shape[:2], bool)
     observed[20:40, 0] = False
     motion = cloud(positions, observed)
     _, found = replace(FILLS["rigid"], donors=("m1", "m2")).fill(motion)
-    assert list(found.method) == ["hermite"] and not found.donors
+    assert list(found.method) == ["eased"] and not found.donors
     _, found = replace(FILLS["pattern"], donors=("m3",)).fill(motion)
     assert found.donors.get(0, (3,)) == (3,)
     with pytest.raises(InputError, match="Did you mean"):
@@ -207,7 +244,7 @@ def test_markers_on_one_line_are_no_rigid_body():
     observed = np.ones(truth.shape[:2], bool)
     observed[20:40, 0] = False
     _, found = FILLS["rigid"].fill(cloud(truth, observed))
-    assert list(found.method) == ["hermite"]
+    assert list(found.method) == ["eased"]
 
 
 # --- what has no far end ----------------------------------------------------------------------------------
@@ -400,7 +437,7 @@ def test_auto_tries_the_methods_beside_the_gap():
     observed[100:136, 0] = observed[110:150, 4] = False
     motion = Motion(positions, observed, 120.0, Skeleton.cloud(tuple("abcde")))
     filled, done = auto.Auto().fill(motion)
-    assert done.method.tolist() == ["rigid", "hermite"]
+    assert done.method.tolist() == ["rigid", "eased"]
     assert all("beside" in done.reasons[row] for row in (0, 1))
     assert np.abs(filled.positions - positions)[~observed].max() < 1e-4
 

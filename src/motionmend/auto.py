@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .body import LIMBS, Mapping, map_rig
 from .errors import InputError, nearest_names
 from .fills import FILLS, DonorFill, Fill
 from .gaps import Gaps
@@ -23,6 +24,7 @@ KINDS = {
     "lower limb": "the outer part of a limb is missing",
     "extremity": "a hand, a foot or a head is missing",
     "all points": "every point is missing",
+    "leg joints": "joints of a leg are missing",
     "joints": "joints of a skeleton are missing",
     "markers": "markers of a cloud are missing",
 }
@@ -30,20 +32,21 @@ KINDS = {
 # Of a limb's length, from its branch to its tip: with less missing it is the lower limb, or an extremity.
 LIMB_SHARE, EXTREMITY_SHARE = 2 / 3, 1 / 4
 
-TRIED = ("hermite", "pattern", "rigid")
+TRIED = ("eased", "bones", "pattern", "rigid")
 TRIAL_SECONDS = 0.05  # shorter gaps are not worth a trial
-TRIAL_MARGIN = 1.2  # how many times better than the first of TRIED another must be
+TRIAL_MARGIN = 1.2  # how many times better than the winner of the table another must be
 MOST_TRIALS = 1000
 
 # kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
 WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
-    "body": {0: ((np.inf, "hermite"),)},
-    "limb": {0: ((1.0, "hermite"), (np.inf, "linear"))},
-    "lower limb": {0: ((0.6, "hermite"), (np.inf, "rigid"))},
-    "extremity": {0: ((0.2, "pattern"), (np.inf, "rigid"))},
-    "all points": {0: ((np.inf, "hermite"),)},
-    "joints": {0: ((np.inf, "hermite"),), 1: ((0.4, "hermite"), (np.inf, "pattern"))},
-    "markers": {0: ((np.inf, "hermite"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
+    "body": {0: ((np.inf, "eased"),)},
+    "limb": {0: ((np.inf, "eased"),)},
+    "lower limb": {0: ((0.6, "eased"), (np.inf, "rigid"))},
+    "extremity": {0: ((0.2, "bones"), (np.inf, "rigid"))},
+    "all points": {0: ((np.inf, "eased"),)},
+    "leg joints": {0: ((np.inf, "eased"),), 1: ((0.2, "bones"), (np.inf, "pattern"))},
+    "joints": {0: ((np.inf, "eased"),), 1: ((np.inf, "bones"),)},
+    "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
 }
 
 
@@ -65,25 +68,26 @@ def choose(kind: str, seconds: float, donors: int = 0) -> tuple[str, str]:
 class Auto(Fill):
     """A Completer that chooses for each gap: `Gaps.method` records which, `Gaps.reasons` why.
 
-    A gap of some points that has good frames beside it is decided by a trial there: the same points are hidden
-    for the same time right before and right after, and the method that restores them best is taken. The others
-    get the winner for their kind, length and donors.
+    Each gets the winner for its kind, length and donors, unless a trial on the good frames beside it finds a method
+    that is clearly better there: the same points are hidden for the same time right before and right after the gap.
 
     donors : names of joints or markers to choose donors from; all if empty.
+    mapping : which joints are a person's; `body.map_rig`'s answer otherwise.
     """
 
     donors: tuple[str, ...] = ()
+    mapping: Mapping | None = None
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """Fall from the method for three donors to that for one and to that for none, as each gap's chart allows."""
-        kinds = point_kinds(motion, gaps)
+        kinds = point_kinds(motion, gaps, self.mapping)
         chains = [
-            tuple(choose(kind, length / motion.fps, donors)[0] for donors in (3, 1, 0))
+            tuple(dict.fromkeys(choose(kind, length / motion.fps, donors)[0] for donors in (3, 1, 0)))
             for kind, length in zip(kinds, gaps.length)
         ]
         reasons = {}
-        for row, name in self._tried(motion, gaps, kinds).items():
-            chains[row] = (name, "hermite")
+        for row, name in self._tried(motion, gaps, kinds, chains).items():
+            chains[row] = tuple(dict.fromkeys((name, "eased")))
             reasons[row] = f"{name} did best on the good frames beside it"
         method, donors = gaps.method.copy(), {}
         for chain in sorted(set(chains)):
@@ -93,7 +97,9 @@ class Auto(Fill):
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
         return replace(gaps, method=method, donors=donors, reasons=reasons)
 
-    def _tried(self, motion: Motion, gaps: Gaps, kinds: list[str]) -> dict[int, str]:
+    def _tried(
+        self, motion: Motion, gaps: Gaps, kinds: list[str], chains: list[tuple[str, ...]]
+    ) -> dict[int, str]:
         """The methods that trials decide, by row; the longest gaps first, as trials take time."""
         together: dict[tuple[int, int], list[int]] = {}
         for row, kind in enumerate(kinds):
@@ -105,10 +111,10 @@ class Auto(Fill):
             rows = together[start, stop]
             errors = self._trial(motion, gaps.joint[rows], start, stop)
             if errors is not None:
-                names = np.array(list(TRIED))
-                best = np.argmin(errors, axis=0)
-                clear = TRIAL_MARGIN * errors.min(axis=0) <= errors[0]
-                decided |= dict(zip(rows, names[np.where(clear, best, 0)].tolist()))
+                for row, scores in zip(rows, errors.T):
+                    best, expected = int(np.argmin(scores)), scores[TRIED.index(chains[row][0])]
+                    if scores[best] == expected or TRIAL_MARGIN * scores[best] <= expected:
+                        decided[row] = TRIED[best]
         return decided
 
     def _trial(self, motion: Motion, joints: Array, start: int, stop: int) -> Array | None:
@@ -127,7 +133,7 @@ class Auto(Fill):
             observed[inside[:, None], joints] = False
             part = replace(motion, positions=motion.positions[around], observed=observed)
             truth = part.positions[inside][:, joints]
-            fills = (self._chained((name, "hermite")).complete(part) for name in TRIED)
+            fills = (self._chained((name, "eased")).complete(part) for name in TRIED)
             misses = [fill.positions[inside][:, joints] - truth for fill in fills]
             errors.append(np.linalg.norm(misses, axis=-1).mean(axis=1))
         return np.mean(errors, axis=0) if errors else None
@@ -141,12 +147,16 @@ class Auto(Fill):
         return fill
 
 
-def point_kinds(motion: Motion, gaps: Gaps) -> list[str]:
-    """Each gap's kind, for a motion of points."""
-    some = "joints" if motion.skeleton.has_bones else "markers"
+def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> list[str]:
+    """Each gap's kind, for a motion of points. mapping : `body.map_rig`'s answer, where the caller knows better."""
+    kinds = np.full(len(motion.skeleton), "joints" if motion.skeleton.has_bones else "markers", "U12")
+    if motion.skeleton.has_bones:
+        mapping = mapping or map_rig(motion.skeleton, np.where(motion.observed[..., None], motion.positions, np.nan))
+        legs = [mapping.joints[joint] for side in ("left_leg", "right_leg") for joint in LIMBS[side]]
+        kinds[[joint for joint in legs if joint >= 0]] = "leg joints"
     seen = np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
     alone = seen[gaps.stop] == seen[gaps.start]
-    return ["all points" if one else some for one in alone]
+    return np.where(alone, "all points", kinds[gaps.joint]).tolist()
 
 
 def rig_methods(rig: Rig, gaps: Gaps, fps: float) -> Array:

@@ -75,7 +75,7 @@ class Repair(Reading):
     """Joints or markers, named as in the file, and frames: LeftForeArm,LeftHand:300:360. Repeatable."""
     find: bool = False
     """Repair what diagnosis finds, besides what --gap and --lost name."""
-    method: Literal["auto", "linear", "hermite", "cubic", "pattern", "rigid"] = "auto"
+    method: Literal["auto", "linear", "hermite", "cubic", "pattern", "rigid", "xmae"] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     donors: tuple[str, ...] = ()
     """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""
@@ -83,8 +83,8 @@ class Repair(Reading):
     """Fill gaps up to this long (60 or 0.5s); leave longer ones, marked as missing where the format can."""
     keep_longer: bool = False
     """With --max-gap: leave longer gaps exactly as the file has them, unmarked."""
-    denoise: Optional[Literal["savgol", "butterworth"]] = None
-    """Also smooth the whole take. This changes every sample."""
+    denoise: Optional[str] = None
+    """Also smooth the whole take: savgol, butterworth, or a network (xmae). This changes every sample."""
     cutoff: float = 6.0
     """Low-pass frequency of --denoise butterworth, Hz."""
     plant_feet: bool = False

@@ -1,23 +1,29 @@
-"""Low-pass filters: the only methods here that change what is trusted, and only when asked to.
+"""Low-pass filters and networks that rewrite: what changes samples that are trusted, and only when asked to.
 
-Both are zero-phase: nothing is delayed. They filter each run of observed samples by itself and never look
+The filters are zero-phase: nothing is delayed. They filter each run of observed samples by itself and never look
 across a gap. Turns are filtered as quaternions of one hemisphere, and normalised: within a filter's window a
 joint turns little, so this is the tangent space to second order, and a steady spin comes back as it was,
 because filtering a sinusoid changes only its height.
+
+A network answers with its own version of a person's joints. The channels of a rig are then posed to meet it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from . import rotations
+from . import checkpoints, rotations
+from .body import Mapping, map_rig
 from .errors import InputError, nearest_names
+from .fitting import fit
 from .gaps import Gaps
 from .motion import Motion, Rig, Take
+from .networks import NetworkCompleter, load_completer
 
 Array = np.ndarray
 Moving = TypeVar("Moving", Motion, Take)
@@ -27,32 +33,48 @@ WINDOW_SECONDS = 0.15
 SAVGOL_ORDER = 3
 
 
+FILTERS = ("butterworth", "savgol")
+FILLS_ONLY = "poses_off_curves"  # the space of networks whose answer for what they see is what they see
+STILL = 1e-7  # channels that vary less are constant by intent
+
+
 def denoise(
-    moving: Moving, method: str = "butterworth", *, cutoff: float = CUTOFF_HZ, window: float = WINDOW_SECONDS
+    moving: Moving,
+    method: str | NetworkCompleter = "butterworth",
+    *,
+    cutoff: float = CUTOFF_HZ,
+    window: float = WINDOW_SECONDS,
+    mapping: Mapping | None = None,
 ) -> Moving:
     """A Motion or Take whose observed samples are smoothed; what is not observed stays as it is.
 
     Parameters
     ----------
-    method : "butterworth" or "savgol".
+    method : "butterworth" or "savgol"; or a network, the name of one that is installed ("xmae") or a checkpoint's
+        folder. A network rewrites the joints that it knows, and leaves all others as they are.
     cutoff : Hz, where "butterworth" passes 1/sqrt 2 of the amplitude.
     window : seconds, the length of "savgol"'s window.
+    mapping : for a network, which joint is which; `body.map_rig`'s answer otherwise.
 
     Raises
     ------
-    InputError : for an unknown method, a cutoff that is not between 0 and half the rate, a window not above 0.
+    InputError : for an unknown method, a cutoff that is not between 0 and half the rate, a window not above 0;
+        where a network is not installed, cannot denoise, or finds no person in the take.
     """
     if method == "butterworth":
         smooth = _butterworth(moving.fps, cutoff)
     elif method == "savgol":
         smooth = _savgol(moving.fps, window)
     else:
-        raise InputError(f"unknown way to denoise {method!r}", hint=nearest_names(method, ("butterworth", "savgol")))
+        return _by_network(moving, load_denoiser(method) if isinstance(method, str) else method, mapping)
     if isinstance(moving, Motion):
         return _smooth_motion(moving, smooth)
     if moving.rig is None:
         return moving.with_motion(_smooth_motion(moving.motion, smooth))
     return moving.with_rig(_smooth_rig(moving.rig, smooth))
+
+
+# Filters ----------------------------------------------------------------------------------------------------
 
 
 Smooth = Callable[[Array], Array]
@@ -129,3 +151,58 @@ def _runs(observed: Array) -> list[tuple[slice, Array]]:
         (slice(*span), joints)
         for span, joints in zip(spans[[0, *cuts]].tolist(), np.split(runs.joint[order], cuts))
     ] if len(runs) else []  # fmt: skip
+
+
+# Networks ---------------------------------------------------------------------------------------------------
+
+
+def load_denoiser(name_or_path: str) -> NetworkCompleter:
+    """The network of this name or folder; InputError if there is none, or if it can only fill."""
+    known = checkpoints.names()
+    if name_or_path not in known and not Path(name_or_path).exists():
+        found = f"unknown way to denoise {name_or_path!r}"
+        hint = nearest_names(name_or_path, (*FILTERS, *known))
+        if name_or_path == "xmae":
+            found = "no network named 'xmae' is installed"
+            hint = f"put its folder where ${checkpoints.PATH_VARIABLE} says, or use butterworth, which needs none"
+        raise InputError(found, hint=hint)
+    return load_completer(name_or_path)
+
+
+def _by_network(moving: Moving, network: NetworkCompleter, mapping: Mapping | None) -> Moving:
+    if network.description.space == FILLS_ONLY:
+        raise InputError(
+            f"{network.name} was trained to fill, and leaves whatever it sees as it is: it cannot denoise",
+            hint="use butterworth or savgol, or train one with --network.curves on --network.damage takes",
+        )
+    if isinstance(moving, Motion):
+        return _rewritten(moving, network, mapping)[0]
+    motion, changed = _rewritten(moving.motion, network, mapping)
+    if moving.rig is None:
+        return moving.with_motion(motion)
+    # A joint that never turns is constant by intent, and `fit` cannot see that where all frames may change.
+    turns = rotations.continuous(moving.rig.rotations)
+    turning = np.ptp(np.where(moving.rig.trusted[..., None], turns, turns[:1]), axis=0).max(axis=-1) > STILL
+    moves = moving.rig.moves | (np.array(moving.skeleton.parents) < 0)
+    where = moving.rig.trusted & changed.any(axis=0) & (turning | moves)
+    return fit(moving, np.where(changed[..., None], motion.positions, np.nan), where)
+
+
+def _rewritten(motion: Motion, network: NetworkCompleter, mapping: Mapping | None) -> tuple[Motion, Array]:
+    """The motion with the network's word for what is observed, and `(frames, joints)` where it has one.
+
+    It sees every second frame of a take of twice its rate. So it is asked twice, from frame 0 and from frame 1 on, and
+    the answers' mean is taken: no sample goes unused.
+    """
+    seen = np.where(motion.observed[..., None], motion.positions, np.float32(np.nan))
+    mapping = mapping or map_rig(motion.skeleton, seen)
+    total, count = np.zeros(seen.shape), np.zeros((len(seen), 1, 1))
+    known = np.zeros(len(motion.skeleton), bool)
+    for first in range(min(max(1, round(motion.fps / network.fps)), len(motion))):
+        rest = replace(motion, positions=seen[first:], observed=motion.observed[first:])
+        answer = network.predict(rest, mapping).positions
+        total[first:] += answer
+        count[first:] += 1
+        known |= (rest.observed & (answer != rest.positions).any(axis=-1)).any(axis=0)
+    mean, changed = (total / count).astype(np.float32), motion.observed & known
+    return replace(motion, positions=np.where(changed[..., None], mean, motion.positions)), changed

@@ -69,6 +69,23 @@ def pattern_chart(
     return Chart((chosen,), frames, samples, lambda inside: inside + donor[start:stop])
 
 
+def bone_chart(motion: Motion, joint: int, start: int, stop: int, frames: Array, candidates: Array) -> Chart | None:
+    """The difference to the nearest joint above it in the skeleton that is observed from seam to seam.
+
+    As `pattern_chart`, which asks whose difference is the steadiest. None if there is no such joint.
+    """
+    parents = motion.skeleton.parents
+    above = parents[joint]
+    while above >= 0 and not candidates[above]:
+        above = parents[above]
+    frames = frames[motion.observed[frames, above]]
+    if above < 0 or not len(frames):
+        return None
+    donor = motion.positions[:, above]
+    samples = motion.positions[frames, joint].astype(np.float64) - donor[frames]
+    return Chart((above,), frames, samples, lambda inside: inside + donor[start:stop])
+
+
 def _spread(vectors: Array) -> float:
     """Root mean square distance of `(samples, 3)` from their mean."""
     return float(np.sqrt(np.sum(np.var(vectors, axis=0)))) if len(vectors) else np.inf

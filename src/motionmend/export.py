@@ -21,11 +21,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from onnxscript.optimizer import optimize_ir
 
 from . import __version__
 from .card import write_card
 from .checkpoints import CARD, CONFIG, GRAPH, VERSION, WEIGHTS, Description, name_of
 from .errors import InputError
+from .fused_attention import TRANSLATIONS
 from .io import sha256_of
 from .models import NETWORKS
 from .models.network import Network
@@ -135,7 +137,7 @@ def example(network: Network, windows: tuple[Array, Array]) -> dict[str, torch.T
 
 
 def graph_of(network: Network, inputs: dict[str, torch.Tensor]):
-    """The network as an ONNX model, its batch axis free, and its frames where they are: half-precision weights."""
+    """The network as an ONNX model, its free axes free, its weights in half precision, its attention fused."""
     free = {name: torch.export.Dim(name) for of_input in network.axes.values() for name in of_input.values()}
     axes: dict[str, dict[int, Any]] = {
         name: {0: torch.export.Dim("batch")} | {axis: free[each] for axis, each in network.axes.get(name, {}).items()}
@@ -149,9 +151,12 @@ def graph_of(network: Network, inputs: dict[str, torch.Tensor]):
     with _quiet():
         program = torch.onnx.export(
             network, args=(), kwargs=inputs, input_names=list(inputs), output_names=["output"],
-            dynamic_shapes=axes, dynamo=True, verbose=False,
+            dynamic_shapes=axes, dynamo=True, verbose=False, custom_translation_table=TRANSLATIONS,
+            optimize=False,
         )  # fmt: skip
     assert program is not None
+    # Sums of weights stay sums: half precision does not hold them, and they are larger.
+    optimize_ir(program.model, output_size_limit=SMALL)
     model = program.model_proto
     _forget_origin(model)
     _store_halves(model.graph)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .curves import CURVES
-from .donors import Chart, near, pattern_chart, rigid_chart
+from .donors import Chart, bone_chart, near, pattern_chart, rigid_chart
 from .gaps import Gaps, covered, groups
 from .motion import Motion
 
@@ -78,8 +78,8 @@ def crossable(gaps: Gaps, fps: float, edge_seconds: float) -> Array:
 class DonorFill(Fill):
     """Crosses each gap by a curve in coordinates that move with other joints, observed through the gap.
 
-    chart : `donors.pattern_chart`, the difference to one donor, or `donors.rigid_chart`, the place in the
-        frame of three or more that keep their distances.
+    chart : `donors.pattern_chart`, the difference to one donor; `donors.bone_chart`, that to a joint above it in the
+        skeleton; or `donors.rigid_chart`, the place in the frame of three or more that keep their distances.
     donors : names to choose from; all joints if empty.
     edge_seconds : gaps at the take's edge are carried by donors up to this length.
     otherwise : fills the gaps for which no donors qualify.
@@ -88,9 +88,9 @@ class DonorFill(Fill):
     name: str
     chart: Callable[..., Chart | None]
     donors: tuple[str, ...] = ()
-    curve: str = "hermite"
+    curve: str = "eased"
     edge_seconds: float = EDGE_SECONDS
-    otherwise: Fill = CurveFill("hermite")
+    otherwise: Fill = CurveFill("eased")
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         method, donors = gaps.method.copy(), {}
@@ -123,7 +123,9 @@ class DonorFill(Fill):
 FILLS: dict[str, Fill] = {
     "linear": CurveFill("linear"),
     "hermite": CurveFill("hermite"),
+    "eased": CurveFill("eased"),
     "cubic": CurveFill("cubic"),
     "pattern": DonorFill("pattern", pattern_chart),
+    "bones": DonorFill("bones", bone_chart),
     "rigid": DonorFill("rigid", rigid_chart, curve="linear", edge_seconds=DAY),
 }

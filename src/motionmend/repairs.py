@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import auto, diagnosis, feet
-from .body import map_rig, read_map
+from . import auto, diagnosis, feet, network_fill
+from .body import Mapping, map_rig, read_map
 from .constraints import checks, keep_lengths, reference_lengths
 from .denoise import denoise as smoothed
 from .errors import InputError, nearest_names
@@ -20,7 +20,7 @@ from .metrics import bone_lengths
 from .motion import Array, Motion, Take
 from .progress import Stage, silent
 from .ranges import Lost, Range, mask_of, parse_frames
-from .report import Filled, Report
+from .report import Denoised, Filled, Report
 from .rigfills import fill_rig
 
 KEEP_SECONDS = 0.2  # gaps of points longer than this keep the lengths of bones
@@ -52,11 +52,12 @@ def repair(
         channels these are the joints' own channels; what hangs on them moves with them.
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
-    method : "linear", "hermite", "cubic", "pattern", "rigid", or "auto".
+    method : "linear", "hermite", "cubic", "pattern", "rigid", "xmae" (the network), or "auto".
     donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
         formats that can say so; with `keep_longer` they stay as the file has them.
-    denoise : "savgol" or "butterworth": smooth the whole take afterwards. cutoff : of the latter, Hz.
+    denoise : "savgol", "butterworth", or a network such as "xmae": smooth the whole take afterwards. cutoff : of
+        "butterworth", Hz.
     plant_feet : hold feet still where they stand inside repaired frames.
     map : overrides of the rig's mapping: BODY name → name in the file, or a TOML file of such lines.
     stage : called with what is done next, for progress.
@@ -100,7 +101,7 @@ def repair(
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
     stage("filling gaps")
-    filled, done = fill(damaged, method, donors, legs)
+    filled, done = fill(damaged, method, donors, legs, mapping)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
     not_named = wrong & ~asked if only_asked else np.zeros_like(wrong)
     filled = _put_back(filled, whole, calibration | not_named)
@@ -109,13 +110,14 @@ def repair(
         stage("planting feet")
         filled, _ = feet.plant_feet(filled, changed, legs)
     mended = changed | swapped
-    checked = {}
+    checked, denoised = {}, None
     if mended.any():
         stage("checking")
         checked = checks(take, filled, mended, feet.soles(legs)).as_dict()
     if denoise:
         stage("denoising")
-        filled = smoothed(filled, denoise, cutoff=cutoff)
+        rough, filled = filled, smoothed(filled, denoise, cutoff=cutoff, mapping=mapping)
+        denoised = Denoised.of(denoise, rough.motion, filled.motion, mapping)
     report = Report(
         source=Path(take.source).name,
         format=take.format,
@@ -131,28 +133,51 @@ def repair(
         + _rows(damaged, done, not_named, method, "missing, but not named"),
         checks=checked,
         notes=take.notes,
-        denoised=denoise or "",
+        denoised=denoised,
     )
     return replace(filled, report=report)
 
 
-def fill(take: Take, method: str, donors: Sequence[str] = (), legs: Sequence[feet.Leg] = ()) -> tuple[Take, Gaps]:
+def fill(
+    take: Take,
+    method: str,
+    donors: Sequence[str] = (),
+    legs: Sequence[feet.Leg] = (),
+    mapping: Mapping | None = None,
+) -> tuple[Take, Gaps]:
     """The take with its untrusted samples filled, and its gaps with the method of each.
 
     legs : joints of whole legs (`feet.legs`), to be aimed at their joints' paths where one was lost alone.
+    mapping : for the network, which joint is which.
     """
-    if method != "auto" and method not in FILLS:
-        raise InputError(f"no method is named {method!r}", hint=nearest_names(method, ["auto", *FILLS]))
+    if method not in ("auto", network_fill.NAME, *FILLS):
+        names = ["auto", network_fill.NAME, *FILLS]
+        raise InputError(f"no method is named {method!r}", hint=nearest_names(method, names))
     for name in donors:
         take.skeleton.index(name)
+    network = replace(network_fill.required(), mapping=mapping) if method == network_fill.NAME else None
     if take.rig is None:
-        motion, gaps = _completer(method, donors).fill(take.motion)
+        motion, gaps = (network or _completer(method, donors)).fill(take.motion)
         return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
     if donors:
         found = "donors were named for a take of channels, whose joints follow their parents"
         raise InputError(found, where=take.source, hint="leave --donors out")
+    if network:
+        return _by_network(take, network)
     rig, gaps = fill_rig(take.rig, take.fps, auto.rig_methods if method == "auto" else method)
     return _feet_on_their_paths(take, take.with_rig(rig), method, legs), gaps
+
+
+def _by_network(take: Take, network: network_fill.NetworkFill) -> tuple[Take, Gaps]:
+    """A take of channels by the network; `Gaps.method` says which gaps had no word from it."""
+    assert take.rig is not None
+    rig, gaps = fill_rig(take.rig, take.fps, network.otherwise.name)
+    filled, decided = network.fill_take(take, take.with_rig(rig))
+    spans = zip(gaps.joint, gaps.start, gaps.stop)
+    by_network = np.array([decided[start:stop, joint].all() for joint, start, stop in spans], bool)
+    why = "no joint that the network knows hangs on it"
+    reasons = gaps.reasons | dict.fromkeys(np.flatnonzero(~by_network).tolist(), why)
+    return filled, replace(gaps, method=np.where(by_network, network.name, gaps.method), reasons=reasons)
 
 
 def _completer(method: str, donors: Sequence[str]) -> Fill:
@@ -168,7 +193,7 @@ def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence
     A foot moves by the floor, not by the hips: on validation takes this is the better of the two by about a
     tenth for legs, and the worse one for arms and for whole bodies.
     """
-    curve = FILLS[method if method in ("linear", "cubic") else "hermite"]
+    curve = FILLS[method if method in ("linear", "hermite", "cubic") else "eased"]
     where, follow = np.zeros((2, *before.trusted.shape), bool)
     for thigh, shin, foot, toe in legs:
         turning = [thigh, shin, foot]
@@ -242,13 +267,15 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
 
 def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
     if gaps.is_blank[row]:
-        return "never seen"
+        return "never seen" + (", as asked" if method else "")
     if gaps.is_edge[row]:
         side = "after" if gaps.before[row] else "before"
         how = ", carried by its donors" if row in gaps.donors else ", extrapolated" if method else ""
         return f"nothing is known {side} it{how}"
     if asked == "auto":
         return gaps.reasons.get(row, kind)
+    if asked == network_fill.NAME:
+        return gaps.reasons.get(row, "as asked")
     return "as asked" if method == asked else f"no donors for {asked}"
 
 

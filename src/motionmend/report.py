@@ -10,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from . import metrics
+from .body import Mapping, to_body
+from .motion import Motion
+
 MOST = 40  # rows of a table that a person reads
+WORSE = 1.02  # what denoising may raise by this factor without a word
 
 
 @dataclass(frozen=True)
@@ -27,13 +32,52 @@ class Filled:
 
 
 @dataclass(frozen=True)
+class Denoised:
+    """What denoising did to a whole take.
+
+    limb_sigma, jitter : before and after; mm (`metrics.limb_sigma`, over the whole take) and m/s³ (`metrics.jitter`).
+        Of the 21 joints of a person's body where one is recognised, else of the take's own; NaN without bones.
+    moved, farthest : mm by which the take's own joints or markers moved, the mean and the 99th percentile.
+    """
+
+    method: str
+    limb_sigma: tuple[float, float]
+    jitter: tuple[float, float]
+    moved: float
+    farthest: float
+
+    @classmethod
+    def of(cls, method: str, before: Motion, after: Motion, mapping: Mapping) -> Denoised:
+        bodies = [to_body(each, mapping) if mapping.is_person else each for each in (before, after)]
+        seen = [np.where(body.observed[..., None], body.positions, np.nan) for body in bodies]
+        parents = bodies[0].skeleton.parents
+        sigma = metrics.limb_sigma(seen[0], parents), metrics.limb_sigma(seen[1], parents)
+        jitter = metrics.jitter(seen[0], before.fps), metrics.jitter(seen[1], before.fps)
+        apart = 1000 * metrics.distances(before.positions, after.positions)[before.observed & after.observed]
+        moved = (float(apart.mean()), float(np.percentile(apart, 99))) if len(apart) else (float("nan"),) * 2
+        return cls(method, sigma, jitter, *moved)
+
+    def __str__(self) -> str:
+        """A table. LOOK: bones vary more than before, or everything shakes more."""
+        measured = (("limb σ", "mm", 2, self.limb_sigma), ("jitter", "m/s³", 0, self.jitter))
+        rows = []
+        for name, unit, digits, (before, after) in measured:
+            if np.isfinite(before) and np.isfinite(after):
+                worse = after > WORSE * before + 0.1**digits
+                told = (f"{value:.{digits}f} {unit}" for value in (before, after))
+                rows.append((name, *told, "LOOK" if worse else "ok"))
+        moved = f"  joints moved by {self.moved:.1f} mm on average, 99 of 100 by less than {self.farthest:.1f} mm"
+        return "\n".join([table(("", "before", "after", ""), rows), moved] if rows else [moved])
+
+
+@dataclass(frozen=True)
 class Report:
     """What one repair found, filled, left and checked. `to_json` is for machines, `str()` for people.
 
     findings : what diagnosis found (cause, joints, frames, certainty, detail), as dicts.
     fills : what was filled, and by which method and why; left : what was not, and why.
     checks : name → {value, unit, ok, …}: samples changed outside, seams, bone lengths, feet; before denoising.
-    denoised : the filter that changed every sample afterwards, if one was asked for.
+    denoised : what denoising did to every sample afterwards, if it was asked for.
     """
 
     source: str
@@ -48,7 +92,7 @@ class Report:
     left: list[Filled] = field(default_factory=list)
     checks: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    denoised: str = ""
+    denoised: Denoised | None = None
     output: str = ""
 
     def to_json(self) -> str:
@@ -74,7 +118,10 @@ class Report:
         if self.checks:
             rows = [(name, check["text"], "ok" if check["ok"] else "LOOK") for name, check in self.checks.items()]
             lines += ["", "checks", table(("check", "value", ""), rows)]
-        rest = f"then the whole take denoised by {self.denoised}, as asked" if self.denoised else "the rest untouched"
+        rest = "the rest untouched"
+        if self.denoised:
+            lines += ["", "denoised", str(self.denoised)]
+            rest = f"then the whole take denoised by {self.denoised.method}, as asked"
         lines += ["", f"{self.repaired} of {self.samples} samples repaired ({share:.2f} %), {rest}"]
         return "\n".join(lines)
 

@@ -30,8 +30,10 @@ Array = np.ndarray
 RIG_FILLS = {
     "linear": ("linear", True),
     "hermite": ("hermite", True),
+    "eased": ("eased", True),
     "cubic": ("cubic", True),
-    "pattern": ("hermite", False),
+    "pattern": ("eased", False),
+    "bones": ("eased", False),
     "rigid": ("linear", False),
 }
 

@@ -5,18 +5,34 @@ B = windows, T = frames, J = joints. A space is stateless: what decoding needs o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
-from .body import JOINT, LEFT_RIGHT
-from .curves import between_seen
+from .body import BODY, JOINT, LEFT_RIGHT
+from .curves import along_bones
 
 Array = np.ndarray
 
 ACROSS = tuple(JOINT[f"left_{part}"] for part in ("thigh", "shoulder", "upper_arm"))
 LEEWAY = 8  # frames
+TICK = 6  # frames, 0.1 s
+UPRIGHT = np.array([0, 0.95, 0], np.float32)  # the hips of who stands, metres
+# The mean over CMU's training takes of BODY's joints from the hips, facing +Z, metres; of both sides, on the left.
+_MEAN = {
+    "hips": (0, 0, 0), "spine": (0, 0.12, 0.02), "chest": (0, 0.22, 0.05), "neck": (0, 0.33, 0.09),
+    "head": (0, 0.5, 0.13), "shoulder": (0, 0.33, 0.08), "upper_arm": (0.18, 0.39, 0.09), "forearm": (0.25, 0.19, 0.11),
+    "hand": (0.23, 0.15, 0.2), "thigh": (0.09, -0.09, 0.03), "shin": (0.11, -0.44, 0.16), "foot": (0.11, -0.82, 0),
+    "toe": (0.13, -0.88, 0.11),
+}  # fmt: skip
+_SIDES = {"left": (1, 1, 1), "right": (-1, 1, 1)}
+STANDING = np.array(
+    [np.multiply(_MEAN[re.sub("^(left|right)_", "", name)], _SIDES.get(name.split("_")[0], 1)) for name in BODY.names],
+    np.float32,
+)
+
 
 class Space(Protocol):
     """A pair of maps between windows in the world and a network's inputs and output."""
@@ -67,46 +83,77 @@ class JointTokens(FloorMean):
         return packed(inputs["positions"], observed), origin
 
 
-class TokensOnCurves:
-    """JointTokens, turned so that the body faces +Z in the mean, and told as differences from `curves.between_seen`.
+class PosesOnCurves:
+    """FloorMean's coordinates, turned so that the body faces +Z in the mean, as differences from `curves.along_bones`.
 
     Where a network begins at a curve through what is seen, an answer of nothing is as good as the curve. The body's
     left is from its right thighs, shoulders and upper arms to its left ones, wherever both are observed.
-    Inputs: JointTokens', and `curve (B, T, J, 8)`: where the curve is, ten times what the straight line between the
-    samples is from there, and the shares of a window since the last and until the next of them. Output: the difference
-    from the curve, `(B, T, J, 3)`.
+    A token is a whole pose: of each joint where its curve is, where that is from the curve of the hips, both as
+    differences from STANDING, how far it moves in TICK frames, and whether it is seen. All are scaled to vary by about
+    1: a network is slow to notice what its inputs hardly show.
+    Inputs: `tokens (B, N, 10 J)`, `index (B, N)` and `there (B, N)` as JointTokens', of each frame's first joint; and
+    `curve (B, T, J, 14)`: at every sample the first nine of the same, what the straight line is from there, and the
+    shares of a window since the last and until the next sample that is seen. Output: the difference from the curve,
+    `(B, T, J, 3)`.
     """
 
-    name = "tokens_on_curves"
+    name = "poses_on_curves"
+    most = 1_000_000  # tokens of a window
 
     def encode(self, positions: Array, observed: Array) -> tuple[dict[str, Array], Any]:
         inputs, origin = FloorMean().encode(positions, observed)
         angles = -leftward(positions, observed)
-        tokens = turned(inputs["positions"], angles)
-        curve, line = between_seen(tokens, observed)
+        whole = turned(inputs["positions"], angles)
+        curve, line = along_bones(whole, observed, BODY.parents)
+        going = TICK * np.gradient(curve, axis=1) if curve.shape[1] > 1 else np.zeros_like(curve)
+        told = [3 * (curve - STANDING - UPRIGHT), 8 * (curve - curve[:, :, :1] - STANDING), 10 * going]
         before, after = away(observed)
         shares = np.stack([before, after], axis=-1, dtype=np.float32) / observed.shape[1]
-        course = np.concatenate([curve, 10 * (line - curve), shares], axis=-1, dtype=np.float32)
+        course = np.concatenate([*told, 10 * (line - curve), shares], axis=-1, dtype=np.float32)
         leeway = self.leeway(np.minimum(before, after))
-        return {**packed(tokens, observed), "curve": course}, (origin, angles, curve, leeway)
+        return {**self.tokens(course[..., :9], observed), "curve": course}, (origin, angles, curve, leeway)
 
     def decode(self, output: Array, known: Any) -> Array:
         origin, angles, curve, leeway = known
         return (turned(output * leeway + curve, -angles) + origin).astype(np.float32)
+
+    def tokens(self, told: Array, observed: Array) -> dict[str, Array]:
+        """Poses of the frames that matter most."""
+        rows, frames, joints = observed.shape
+        poses = np.concatenate([told.reshape(rows, frames, -1), observed], axis=-1, dtype=np.float32)
+        worth = self.worth(observed)
+        index = np.sort(np.argsort(-worth, axis=1, kind="stable")[:, : self.most], axis=1)
+        there = np.take_along_axis(worth > 0, index, axis=1)
+        return {
+            "tokens": np.take_along_axis(poses, index[..., None], axis=1), "index": index * joints, "there": there,
+        }  # fmt: skip
+
+    def worth(self, observed: Array) -> Array:
+        """`(B, T)`, the more the more a frame's pose is needed as a token, 0 where it cannot be one."""
+        return observed.any(axis=2).astype(int)
 
     def leeway(self, nearest: Array) -> Array:
         """`(B, T, J, 1)` float32, by which the answer is multiplied so many frames from the `nearest` sample."""
         return np.ones((*nearest.shape, 1), np.float32)
 
 
-class TokensOffCurves(TokensOnCurves):
-    """TokensOnCurves for what is seen being true: the answer counts for nothing there, and for little close by.
+class PosesOffCurves(PosesOnCurves):
+    """PosesOnCurves for what is seen being true: the answer counts for nothing there, and for little close by.
 
     (d / LEEWAY)², at most 1, for a sample that is d frames from the nearest one of its joint that is observed: as the
     error of a curve grows. So a fill leaves its seams as smoothly as the curve does.
+    As poses also say how they move, those of every TICK-th frame and those beside a gap say it all.
     """
 
-    name = "tokens_off_curves"
+    name = "poses_off_curves"
+    most = 24
+
+    def worth(self, observed: Array) -> Array:
+        frames = observed.shape[1]
+        changes = np.diff(observed, axis=1).any(axis=2)
+        seams = np.pad(changes, ((0, 0), (1, 0))) | np.pad(changes, ((0, 0), (0, 1)))
+        ticks = np.arange(frames) % TICK == 0
+        return np.where(observed.any(axis=2), 2 * ticks + seams, 0)
 
     def leeway(self, nearest: Array) -> Array:
         return np.minimum(nearest / LEEWAY, 1)[..., None].astype(np.float32) ** 2
@@ -139,7 +186,7 @@ class FirstPelvis:
         return np.concatenate([np.where(seen[..., None], first, begin), rest], axis=1, dtype=np.float32)
 
 
-_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, TokensOnCurves, TokensOffCurves, FirstPelvis)
+_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, FirstPelvis)
 SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
 
 
@@ -175,13 +222,13 @@ def away(observed: Array) -> tuple[Array, Array]:
 
 
 def packed(positions: Array, observed: Array) -> dict[str, Array]:
-    """The observed ones of `positions (B, T, J, 3)` in the order of frames and joints: JointTokens' inputs."""
+    """The observed ones of `positions (B, T, J, K)` in the order of frames and joints: JointTokens' inputs."""
     rows = len(positions)
     seen = observed.reshape(rows, -1)
     count = seen.sum(axis=1)
     most = max(1, int(count.max(initial=0)))
     index = np.argsort(~seen, axis=1, kind="stable")[:, :most]
-    tokens = np.take_along_axis(positions.reshape(rows, -1, 3), index[..., None], axis=1)
+    tokens = np.take_along_axis(positions.reshape(rows, -1, positions.shape[-1]), index[..., None], axis=1)
     return {"tokens": tokens, "index": index, "there": np.arange(most) < count[:, None]}
 
 

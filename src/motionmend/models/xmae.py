@@ -16,12 +16,14 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .. import damage
+from ..body import BODY
+from ..errors import InputError
 from ..spaces import SPACES, mirrored, turned
 from .network import Network
 
 Array = np.ndarray
 
-HEAD = 64  # Table 1
+NEGLIGIBLE = 0.001  # metres: errors below it are as good as none
 SIZES = {"small": (128, 64), "default": (256, 128), "large": (512, 256)}  # widths of encoder and decoder, Table 1
 
 
@@ -35,6 +37,8 @@ class XMAEConfig:
     """`mae`: mask tokens among the encoded ones and no cross-attention; `bert`: that, and clean tokens in the loss."""
     encoder_depth: int = 6
     decoder_depth: int = 3
+    head: int = 64
+    """Features of an attention's head; more and smaller ones learn sooner whom to attend to."""
     masked: float = 0.85
     """Share of the tokens that training hides."""
     displaced: float = 0.05
@@ -44,31 +48,48 @@ class XMAEConfig:
     clean: float = 0.05
     """Share of all tokens that are shown as they are and count in the loss with `bert`."""
     curves: Literal["", "on", "off"] = ""
-    """Queries begin at Hermite curves through what is seen, and the answer is the difference from them: `on` for
-    samples that may be wrong, `off` for those that are true and are not to be changed (spaces.TokensOffCurves)."""
+    """Tokens are whole poses, queries begin at curves through what is seen, and the answer is the difference from
+    them: `on` for samples that may be wrong, `off` for those that are true and stay (spaces.PosesOffCurves)."""
     damage: Literal["tokens", "takes", "gaps"] = "tokens"
     """What training does to a window: the paper's uniform masks, `damage.take_damage`, or its gaps alone."""
-    delta: float = 0.0
-    """Metres from which on the loss is L1, and below which it is quadratic (Huber 1964); 0 for L1 throughout. From
-    curves, L1 alone stays where it begins: half of all differences are on either side of nothing."""
+    error: Literal["l1", "rms"] = "l1"
+    """What training minimises of each window: the paper's L1, or the root of the mean squared error. From curves, L1
+    stays where it begins: half of all differences are on either side of nothing."""
     mirror: bool = False
     """Training exchanges left and right in half of the windows."""
     resize: float = 0.0
     """Training makes bodies larger or smaller by up to this share."""
     asked: int = 0
     """How many tokens of a window training asks for, hidden and displaced ones first; 0 for all, as in the paper."""
-    shown: int = 0
-    """How many of a window's observed tokens training shows the encoder, drawn at random; 0 for all."""
 
 
 class Attention(nn.Module):
     """Multi-head attention of `(B, Q, width)` to `(B, N, source)`."""
 
-    def __init__(self, width: int, source: int):
+    def __init__(self, width: int, source: int, head: int):
         super().__init__()
-        self.heads = max(1, width // HEAD)
+        self.heads = max(1, width // head)
         self.query, self.key_value = nn.Linear(width, width), nn.Linear(source, 2 * width)
         self.out = nn.Linear(width, width)
+
+    @torch.no_grad()
+    def look_near(self, shared: int) -> None:
+        """Begin by attending to tokens with codes like one's own, in every head to another degree.
+
+        Of near frames, of the same joint, or both. Attention that must find this out by itself takes many thousands of
+        steps (mimetic initialisation, Trockman and Kolter 2023).
+        """
+        size, half = self.query.out_features // self.heads, shared // 2
+        keys = self.key_value.weight[: self.query.out_features]
+        for head in range(self.heads):
+            rows = slice(head * size, (head + 1) * size)
+            mix = torch.zeros(size, shared)
+            times, joints = mix[: size // 2, :half], mix[size // 2 :, half:]
+            for part, strength in ((times, (2, 1, 3, 0)[head % 4]), (joints, (0, 2, 2, 1)[head % 4])):
+                part.copy_(nn.init.orthogonal_(torch.empty_like(part)) * strength)
+            for weight in (self.query.weight, keys):
+                weight[rows] *= 0.3
+                weight[rows, :shared] += mix
 
     def forward(self, x: Tensor, source: Tensor, there: Tensor | None) -> Tensor:
         query = self.query(x).unflatten(-1, (self.heads, -1)).transpose(1, 2)
@@ -80,10 +101,10 @@ class Attention(nn.Module):
 class Block(nn.Module):
     """A pre-norm Transformer block; with `source` it also attends to an encoding that is so wide (section 3)."""
 
-    def __init__(self, width: int, source: int = 0):
+    def __init__(self, width: int, head: int, source: int = 0):
         super().__init__()
-        self.norm_own, self.own = nn.LayerNorm(width), Attention(width, width)
-        self.norm_cross, self.cross = (nn.LayerNorm(width), Attention(width, source)) if source else (None, None)
+        self.norm_own, self.own = nn.LayerNorm(width), Attention(width, width, head)
+        self.norm_cross, self.cross = (nn.LayerNorm(width), Attention(width, source, head)) if source else (None, None)
         self.norm_mlp = nn.LayerNorm(width)
         self.mlp = nn.Sequential(nn.Linear(width, 4 * width), nn.ReLU(), nn.Linear(4 * width, width))
 
@@ -102,8 +123,8 @@ class Block(nn.Module):
 class Stack(nn.ModuleList):
     """Blocks, one after the other."""
 
-    def __init__(self, depth: int, width: int, source: int = 0):
-        super().__init__(Block(width, source) for _ in range(depth))
+    def __init__(self, depth: int, width: int, head: int, source: int = 0):
+        super().__init__(Block(width, head, source) for _ in range(depth))
 
     def __iter__(self) -> Iterator[Block]:
         return cast(Iterator[Block], super().__iter__())
@@ -125,25 +146,37 @@ class XMAE(Network):
         "mae": {"size": "small", "decoder": "mae", "encoder_depth": 1, "decoder_depth": 1},
         "bert": {"size": "small", "decoder": "bert", "encoder_depth": 1, "decoder_depth": 1, "displaced": 0.0},
         "curves": {"size": "small", "curves": "on", "damage": "takes", "mirror": True, "resize": 0.1,
-                   "asked": 100, "shown": 100, "encoder_depth": 1},
+                   "asked": 100, "head": 16, "encoder_depth": 1},
     }  # fmt: skip
     DEFAULTS: ClassVar[dict[str, Any]] = {"batch": 128, "lr": 3e-4, "steps": 100_000}
 
     def __init__(self, config: XMAEConfig, joints: int):
         super().__init__(config, joints)
-        self.space = f"tokens_{config.curves}_curves" if config.curves else "joint_tokens"
+        self.space = f"poses_{config.curves}_curves" if config.curves else "joint_tokens"
+        if config.curves and joints != len(BODY):
+            raise InputError(f"curves for {joints} joints", expected=f"the {len(BODY)} joints of BODY")
         wide, narrow = SIZES[config.size]
         crossing = config.decoder == "cross"
-        self.embed = nn.Linear(3, wide)
-        self.joint_code, self.time_code = _codes(joints, wide), _times(self.frames, wide)
-        self.encoder = Stack(config.encoder_depth, wide)
+        self.embed = nn.Linear(10 * joints if config.curves else 3, wide)
+        self.joint_code = _codes(joints, wide, narrow, times=False)
+        self.time_code = _codes(self.frames, wide, narrow, times=True)
+        self.encoder = Stack(config.encoder_depth, wide, config.head)
         self.encoded = nn.LayerNorm(wide)
         self.narrowed = nn.Identity() if crossing else nn.Linear(wide, narrow)
-        self.mask_token = _codes(narrow)
-        self.joint_query, self.time_query = _codes(joints, narrow), _times(self.frames, narrow)
-        self.begin = nn.Linear(8, narrow) if config.curves else None
-        self.decoder = Stack(config.decoder_depth, narrow, wide if crossing else 0)
+        self.mask_token = nn.Parameter(torch.randn(narrow) * 0.02)
+        self.joint_query = _codes(joints, narrow, narrow, times=False)
+        self.time_query = _codes(self.frames, narrow, narrow, times=True)
+        self.begin = nn.Linear(14, narrow) if config.curves else None
+        self.decoder = Stack(config.decoder_depth, narrow, config.head, wide if crossing else 0)
         self.decoded, self.head = nn.LayerNorm(narrow), nn.Linear(narrow, 3)
+        for stack in (self.encoder, self.decoder):
+            for block in stack:
+                for attention in (block.own, block.cross):
+                    if attention is not None:
+                        attention.look_near(narrow)
+        if not config.curves:
+            with torch.no_grad():  # codes are not to drown in coordinates
+                self.embed.weight[:narrow] *= 0.2
         if config.curves:  # an untrained network answers with the curve
             nn.init.zeros_(self.head.weight)
             nn.init.zeros_(self.head.bias)
@@ -168,23 +201,23 @@ class XMAE(Network):
         seen = observed & ~hidden
         space = SPACES[self.space]()
         inputs, known = space.encode(damaged, seen)
-        # After normalisation, as section 4.1 has it. Where the space turns bodies to face one way, it may be wrong.
+        # After normalisation, as section 4.1 has it; from curves, the space has turned the bodies to face one way.
         angles = rng.uniform(-np.pi, np.pi, rows)
         if c.curves:
-            angles *= np.where(rng.random(rows) < 0.1, 1, 0.1)
-            for part in (slice(0, 3), slice(3, 6)):
-                inputs["curve"][..., part] = turned(inputs["curve"][..., part], angles)
-        inputs["tokens"] = turned(inputs["tokens"], angles)
+            angles = known[1]
+        else:
+            inputs["tokens"] = turned(inputs["tokens"], angles)
         wanted = (observed & hidden) | moved
         if c.decoder == "bert":
             wanted |= seen & (rng.random(observed.shape) < c.clean / max(1 - c.masked - c.displaced, c.clean))
-        target = turned(truth - space.decode(np.zeros_like(truth), known), angles + known[1] if c.curves else angles)
+        target = turned(truth - space.decode(np.zeros_like(truth), known), angles)
         weight = (wanted + (0.3 * (seen & ~wanted) if c.damage == "takes" else 0)).astype(np.float32)
         inputs |= {"target": target.reshape(rows, -1, 3), "weight": weight.reshape(rows, -1)}
         if c.curves == "off":
             inputs["leeway"] = known[3].reshape(rows, -1)
-        if c.shown:
-            _show(inputs, c.shown, rng)
+        tokens = observed[0].size
+        if not c.curves:
+            _filled_up(inputs, tokens - round(c.masked * tokens) if c.damage == "tokens" else tokens)
         if c.asked:
             # The same tokens are asked of all windows of a block: hidden and displaced ones first.
             keys = rng.random(weight.reshape(rows, -1).shape, np.float32) - wanted.reshape(rows, -1)
@@ -201,15 +234,10 @@ class XMAE(Network):
         )  # fmt: skip
         answer = answer * batch["leeway"][..., None] if "leeway" in batch else answer
         weight = batch["weight"] / batch["weight"].sum(dim=1, keepdim=True).clamp(min=1)
-        losses = {"loss": (self._apart(answer, batch["target"]) * weight).sum(dim=1)}
-        if self.config.curves:  # what the curve alone would have
-            losses["curve"] = (self._apart(torch.zeros_like(answer), batch["target"]) * weight).sum(dim=1)
-        return losses
-
-    def _apart(self, answer: Tensor, target: Tensor) -> Tensor:
-        if self.config.delta:
-            return F.huber_loss(answer, target, reduction="none", delta=self.config.delta).mean(dim=-1)
-        return (answer - target).abs().mean(dim=-1)
+        missed = answer - batch["target"]
+        if self.config.error == "l1":
+            return {"loss": (missed.abs().mean(dim=-1) * weight).sum(dim=1)}
+        return {"loss": ((missed**2).sum(dim=-1) * weight).sum(dim=1).add(NEGLIGIBLE**2).sqrt()}
 
     # The network
 
@@ -267,15 +295,16 @@ class XMAE(Network):
         return x if asked is None else x.gather(1, asked[..., None].expand(-1, -1, x.shape[-1]))
 
 
-def _codes(*shape: int) -> nn.Parameter:
-    return nn.Parameter(torch.randn(*shape) * 0.5)
-
-
-def _times(frames: int, width: int) -> nn.Parameter:
-    """Sines and cosines (Vaswani et al. 2017) to begin with: learned from there, near frames are alike at once."""
-    rates = frames ** -torch.linspace(0, 1, width // 2)
-    angles = torch.arange(frames)[:, None] * rates
-    return nn.Parameter(0.5 * torch.cat([angles.sin(), angles.cos()], dim=1))
+def _codes(count: int, width: int, shared: int, times: bool) -> nn.Parameter:
+    """What tells `count` frames or joints apart, learned from here: frames in the first half of the `shared` features,
+    as sines and cosines (Vaswani et al. 2017), so that near ones are alike; joints at random in the second half."""
+    half, codes = shared // 2, torch.zeros(count, width)
+    if times:
+        angles = torch.arange(count)[:, None] * count ** -torch.linspace(0, 1, half // 2)
+        codes[:, :half] = torch.cat([angles.sin(), angles.cos()], dim=1)
+    else:
+        codes[:, half:shared] = torch.randn(count, half) / 2**0.5
+    return nn.Parameter(codes)
 
 
 def _grid(times: Tensor, joints: Tensor) -> Tensor:
@@ -283,12 +312,8 @@ def _grid(times: Tensor, joints: Tensor) -> Tensor:
     return (times[:, None] + joints).flatten(0, 1)
 
 
-def _show(inputs: dict[str, Array], most: int, rng: np.random.Generator) -> None:
-    """Leave a window at most so many of its tokens, drawn at random."""
-    there = inputs["there"]
-    if there.shape[1] > most:
-        keys = rng.random(there.shape, np.float32) + ~there
-        kept = np.argpartition(keys, most, axis=1)[:, :most]
-        for name in ("tokens", "index", "there"):
-            values = inputs[name]
-            inputs[name] = np.take_along_axis(values, kept[..., None] if values.ndim == 3 else kept, axis=1)
+def _filled_up(inputs: dict[str, Array], count: int) -> None:
+    """Fill up with tokens that are not there, so that all blocks of a batch have the same shape."""
+    for name in ("tokens", "index", "there"):
+        missing = count - inputs[name].shape[1]
+        inputs[name] = np.pad(inputs[name], [(0, 0), (0, max(0, missing))] + [(0, 0)] * (inputs[name].ndim - 2))
