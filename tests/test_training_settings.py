@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import subprocess
@@ -54,6 +55,16 @@ def test_resume_goes_on_with_the_settings_of_the_run(tmp_path, corpus):
     found = parsed(["train", "toys:Line", "-o", str(tmp_path / "run"), "--resume"])
     assert (found.steps, found.batch, found.betas, found.network.sizes) == (5, 32, (0.8, 0.9), (4, 5))
     assert found.corpus == (str(corpus),)
+
+
+def test_the_same_command_with_resume_is_understood_whatever_its_switches_were(tmp_path, corpus):
+    said = ["train", "xmae", "-o", str(tmp_path / "run"), "--corpus", str(corpus), "--network.mirror", "--no-compile"]
+    first = parsed(said)
+    (tmp_path / "run").mkdir()
+    values = {each.name: getattr(first, each.name) for each in dataclasses.fields(config.Settings)}
+    (tmp_path / "run" / "config.toml").write_text(config.write(config.Settings(**values)))
+    again = parsed([*said, "--resume"])
+    assert again.resume and first.network.mirror and again.network.mirror and not again.compile
 
 
 def test_settings_come_back_from_toml(tmp_path):

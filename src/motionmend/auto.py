@@ -6,6 +6,7 @@ method is measured there and joins by its name.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +50,23 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
 }
 
+# kind -> from so many seconds, and below so many, an installed network of this name did better than any fill, if it saw
+# so many joints of the body.
+NETWORK = "xmae"
+NETWORK_WINS: dict[str, tuple[float, float, int]] = {
+    "all points": (0.6, 1.0, 0),
+    "leg joints": (0.6, 1.0, 12),
+    "joints": (0.6, 1.0, 12),
+    "body": (0.6, 1.0, 0),
+    "limb": (0.6, 1.0, 12),
+}
+
+
+def network_wins(kind: str, seconds: float, seen: int) -> bool:
+    """Whether a gap is the network's: one of this kind and length, through which it sees so many of BODY's joints."""
+    shortest, longest, least = NETWORK_WINS.get(kind, (np.inf, 0.0, 0))
+    return shortest <= seconds < longest and seen >= least
+
 
 def choose(kind: str, seconds: float, donors: int = 0) -> tuple[str, str]:
     """The method for a gap, and why.
@@ -73,14 +91,18 @@ class Auto(Fill):
 
     donors : names of joints or markers to choose donors from; all if empty.
     mapping : which joints are a person's; `body.map_rig`'s answer otherwise.
+    improve : the installed network's `network_fill.NetworkFill.improve`, for gaps in NETWORK_WINS in takes of a person.
     """
 
     donors: tuple[str, ...] = ()
     mapping: Mapping | None = None
+    improve: Callable[[Array, Motion, Gaps], Array] | None = None
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """Fall from the method for three donors to that for one and to that for none, as each gap's chart allows."""
-        kinds = point_kinds(motion, gaps, self.mapping)
+        seen = np.where(motion.observed[..., None], motion.positions, np.nan)
+        mapping = self.mapping or map_rig(motion.skeleton, seen)
+        kinds = point_kinds(motion, gaps, mapping)
         chains = [
             tuple(dict.fromkeys(choose(kind, length / motion.fps, donors)[0] for donors in (3, 1, 0)))
             for kind, length in zip(kinds, gaps.length)
@@ -95,6 +117,12 @@ class Auto(Fill):
             done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
             method[rows] = done.method
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
+        if self.improve and mapping.is_person:
+            rows = np.array(network_rows(gaps, kinds, motion.observed, motion.fps, mapping), int)
+            done = replace(gaps, method=method).pick(rows)
+            for row in rows[self.improve(out, motion, done)].tolist() if len(rows) else []:
+                method[row], reasons[row] = NETWORK, network_reason(kinds[row], gaps.length[row] / motion.fps)
+                donors.pop(row, None)
         return replace(gaps, method=method, donors=donors, reasons=reasons)
 
     def _tried(
@@ -147,11 +175,23 @@ class Auto(Fill):
         return fill
 
 
+def network_reason(kind: str, seconds: float) -> str:
+    return f"{KINDS[kind]}, {seconds:.2f} s: {NETWORK} won on validation"
+
+
+def network_rows(gaps: Gaps, kinds: Sequence[str], observed: Array, fps: float, mapping: Mapping) -> list[int]:
+    """The gaps in NETWORK_WINS of joints that the network knows."""
+    known = [joint for joint in mapping.joints if joint >= 0]
+    rows = np.flatnonzero(np.isin(gaps.joint, known) & ~gaps.is_edge & ~gaps.is_blank).tolist()
+    hidden = np.cumsum(np.pad(~observed[:, known], ((1, 0), (0, 0))), axis=0)
+    seen = (hidden[gaps.stop] == hidden[gaps.start]).sum(axis=1)
+    return [row for row in rows if network_wins(kinds[row], float(gaps.length[row] / fps), int(seen[row]))]
+
+
 def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> list[str]:
-    """Each gap's kind, for a motion of points. mapping : `body.map_rig`'s answer, where the caller knows better."""
+    """Each gap's kind, for a motion of points; `mapping` tells which are a leg's."""
     kinds = np.full(len(motion.skeleton), "joints" if motion.skeleton.has_bones else "markers", "U12")
-    if motion.skeleton.has_bones:
-        mapping = mapping or map_rig(motion.skeleton, np.where(motion.observed[..., None], motion.positions, np.nan))
+    if motion.skeleton.has_bones and mapping:
         legs = [mapping.joints[joint] for side in ("left_leg", "right_leg") for joint in LIMBS[side]]
         kinds[[joint for joint in legs if joint >= 0]] = "leg joints"
     seen = np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
@@ -160,7 +200,7 @@ def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> l
 
 
 def rig_methods(rig: Rig, gaps: Gaps, fps: float) -> Array:
-    """The winners `(gaps,)` for a rig; `rigfills.fill_rig` takes this function as its method."""
+    """The winners `(gaps,)` among the fills for a rig; `rigfills.fill_rig` takes this function as its method."""
     kinds = zip(rig_kinds(rig, gaps), gaps.length)
     return np.array([choose(kind, length / fps)[0] for kind, length in kinds], "U12")
 

@@ -75,7 +75,7 @@ class Repair(Reading):
     """Joints or markers, named as in the file, and frames: LeftForeArm,LeftHand:300:360. Repeatable."""
     find: bool = False
     """Repair what diagnosis finds, besides what --gap and --lost name."""
-    method: Literal["auto", "linear", "hermite", "cubic", "pattern", "rigid", "xmae"] = "auto"
+    method: Literal["auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae"] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     donors: tuple[str, ...] = ()
     """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""

@@ -46,7 +46,9 @@ class Train(Settings):
 def parsed(argv: Sequence[str]) -> Any:
     """The command that a command line means, with its options; `argv` begins with the verb."""
     commands = {"train": train_command(argv[1:]) if argv[0] == "train" else Train, "models": Models}
-    return tyro.extras.subcommand_cli_from_dict(commands, prog="motionmend", args=argv, config=(FlagCreatePairsOff,))
+    # Both --mirror and --no-mirror, whatever a resumed run has; in the help, the one that changes something.
+    pairs = (FlagCreatePairsOff,) if {"-h", "--help"} & set(argv) else ()
+    return tyro.extras.subcommand_cli_from_dict(commands, prog="motionmend", args=argv, config=pairs)
 
 
 def train_command(argv: Sequence[str]) -> type[Train]:
@@ -65,7 +67,7 @@ def train_command(argv: Sequence[str]) -> type[Train]:
     layers: list[dict[str, Any]] = []
     if not {"-h", "--help"} & set(argv):
         plain = with_defaults(settle(name, network))
-        first = tyro.cli(plain, args=argv, prog="motionmend train", config=(FlagCreatePairsOff,))
+        first = tyro.cli(plain, args=argv, prog="motionmend train")
         saved = first.output / "config.toml"
         layers += [read(saved, name)] if first.resume and saved.is_file() else []
         layers += [read(first.config, name)] if first.config else []

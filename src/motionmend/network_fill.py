@@ -8,10 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from . import checkpoints
+from .auto import Auto
 from .body import Mapping, map_rig
 from .constraints import meet_rig_seams, meet_seams
 from .errors import InputError
-from .fills import CurveFill, Fill
+from .fills import Fill
 from .fitting import fit
 from .gaps import Gaps
 from .motion import Motion, Take
@@ -41,12 +42,15 @@ def required() -> NetworkFill:
 class NetworkFill(Fill):
     """Fills the joints that the network knows, also at a take's edges and where they are never seen.
 
-    otherwise : fills the joints that it does not know, and takes in which no person is found.
+    A network that begins at curves is asked how far from them the truth is, and that is added to what `base` fills:
+    a curve at the take's own rate, with all of the take beside the gap, is better than one inside a window.
+
+    base : fills the rest too: joints that the network does not know, and takes in which no person is found.
     mapping : which joint is which; `body.map_rig`'s answer otherwise.
     """
 
     completer: NetworkCompleter
-    otherwise: CurveFill = field(default_factory=lambda: CurveFill("eased"))
+    base: Fill = field(default_factory=Auto)
     mapping: Mapping | None = None
 
     @property
@@ -55,47 +59,74 @@ class NetworkFill(Fill):
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`. The whole motion is one question to the network, whichever gaps are asked for."""
-        answered = self.answer(motion)
-        method = gaps.method.copy()
-        for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
-            values = answered[start:stop, joint]
-            if np.isfinite(values).all():
-                out[start:stop, joint], method[row] = values, self.name
-        rest = np.flatnonzero(method != self.name)
-        others = self.otherwise.fill_gaps(out, motion, gaps.pick(rest))
-        method[rest] = others.method
-        donors = gaps.donors | {int(rest[row]): chosen for row, chosen in others.donors.items()}
-        why = "the network does not know this joint" if len(rest) < len(gaps) else "the network found no person here"
-        return replace(gaps, method=method, donors=donors, reasons=gaps.reasons | dict.fromkeys(rest.tolist(), why))
+        done = self.base.fill_gaps(out, motion, gaps)
+        improved = self.improve(out, motion, done)
+        method = np.where(improved, self.name, done.method)
+        rest = np.flatnonzero(~improved).tolist()
+        why = "the network does not know this joint" if improved.any() else "the network found no person here"
+        return replace(done, method=method, reasons=done.reasons | dict.fromkeys(rest, why))
 
-    def answer(self, motion: Motion) -> Array:
-        """Positions `(frames, joints, 3)` of what is not observed, seams met; NaN where the network has no word."""
+    def improve(self, out: Array, motion: Motion, gaps: Gaps) -> Array:
+        """Write the network's word into `out (frames, joints, 3)`, on top of what fills have written there.
+
+        Returns `(gaps,)` bool: the gaps on which it has a word. `Gaps.method` is "" where nothing was written yet.
+        """
+        own, change = self.answer(motion)
+        improved = np.zeros(len(gaps), bool)
+        for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
+            here = slice(start, stop), joint
+            improved[row] = np.isfinite(own[here]).all()
+            if improved[row]:
+                added = gaps.method[row] and np.isfinite(change[here]).all()
+                out[here] = out[here] + change[here] if added else own[here]
+        return improved
+
+    def answer(self, motion: Motion) -> tuple[Array, Array]:
+        """Positions `(frames, joints, 3)` of what is not observed, seams met; and their difference from the curves that
+        the network begins at. NaN where it has no word, and all differences where it begins at none."""
         points = np.where(motion.observed[..., None], motion.positions, np.float32(np.nan))
         mapping = self.mapping or map_rig(motion.skeleton, points)
+        nothing = np.full(motion.positions.shape, np.nan)
         if not mapping.is_person:
-            return np.full(motion.positions.shape, np.nan)
-        whole = self.completer.complete(replace(motion, positions=points), mapping)
-        values = np.where(whole.observed[..., None], whole.positions, np.nan)
-        return meet_seams(values, points, motion.observed, motion.fps)
+            return nothing, nothing
+        whole, curves = (
+            each.complete(replace(motion, positions=points), mapping) if each else None
+            for each in (self.completer, self._curves())
+        )
+        assert whole is not None
+        values = np.where((whole.observed & ~motion.observed)[..., None], whole.positions, np.nan)
+        change = values - curves.positions if curves else nothing
+        return meet_seams(values, points, motion.observed, motion.fps), change
 
-    def fill_take(self, before: Take, filled: Take) -> tuple[Take, Array]:
+    def _curves(self) -> NetworkCompleter | None:
+        """A network that answers nothing but the curves; None where this one does not begin at curves."""
+        if not self.completer.description.space.startswith("poses_"):
+            return None
+        zeros = lambda inputs: np.zeros((*inputs["curve"].shape[:3], 3), np.float32)  # noqa: E731
+        return NetworkCompleter(self.completer.description, zeros)
+
+    def fill_take(self, before: Take, filled: Take, wanted: Array) -> tuple[Take, Array]:
         """`filled`, whose rig other fills have completed, posed where `before` has gaps as the network would have it.
 
-        What it has no word on stays as guessed: twist about a bone, fingers, the face. Also `(frames, joints)` bool,
-        the channels that it decided.
+        wanted : `(frames, joints)` bool, the channels that it may decide.
+
+        What it has no word on stays as it is in `filled`: twist about a bone, fingers, the face. Also returned:
+        `(frames, joints)` bool, the channels that it decided.
         """
         assert before.rig is not None and filled.rig is not None
-        targets = np.where(before.motion.observed[..., None], np.nan, self.answer(before.motion))
+        own, change = self.answer(before.motion)
+        improved = (filled.motion.observed & ~before.motion.observed)[..., None] & np.isfinite(change)
+        targets = np.where(improved, filled.motion.positions + change, own)
         there = np.asarray(np.isfinite(targets).all(axis=-1))
         decides = there & (np.array(before.skeleton.parents) < 0)  # a root places itself, others what hangs on them
         for joint, parent in enumerate(before.skeleton.parents):
             if parent >= 0:
                 decides[:, parent] |= there[:, joint]
-        where = decides & ~before.rig.trusted
+        where = decides & wanted & ~before.rig.trusted
         if not where.any():
             return filled, where
         posed = fit(filled, targets, where)
         assert posed.rig is not None
-        trusted = before.rig.trusted | (filled.rig.trusted & ~where)
-        rig = meet_rig_seams(posed.rig, replace(filled.rig, trusted=trusted), before.fps)
+        # Differences die away at the seams by themselves; what fills had left open has yet to meet them.
+        rig = meet_rig_seams(posed.rig, replace(posed.rig, trusted=filled.rig.trusted), before.fps)
         return filled.with_rig(replace(rig, trusted=filled.rig.trusted | where)), where

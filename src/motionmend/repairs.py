@@ -11,6 +11,7 @@ import numpy as np
 from . import auto, diagnosis, feet, network_fill
 from .body import Mapping, map_rig, read_map
 from .constraints import checks, keep_lengths, reference_lengths
+from .curves import CURVES
 from .denoise import denoise as smoothed
 from .errors import InputError, nearest_names
 from .fills import FILLS, DonorFill, Fill
@@ -52,7 +53,7 @@ def repair(
         channels these are the joints' own channels; what hangs on them moves with them.
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
-    method : "linear", "hermite", "cubic", "pattern", "rigid", "xmae" (the network), or "auto".
+    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae" (the network), or "auto".
     donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
         formats that can say so; with `keep_longer` they stay as the file has them.
@@ -155,36 +156,51 @@ def fill(
         raise InputError(f"no method is named {method!r}", hint=nearest_names(method, names))
     for name in donors:
         take.skeleton.index(name)
-    network = replace(network_fill.required(), mapping=mapping) if method == network_fill.NAME else None
+    seen = np.where(take.motion.observed[..., None], take.motion.positions, np.nan)
+    mapping = mapping or map_rig(take.skeleton, seen)
     if take.rig is None:
-        motion, gaps = (network or _completer(method, donors)).fill(take.motion)
+        motion, gaps = _completer(method, donors, mapping).fill(take.motion)
         return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
     if donors:
         found = "donors were named for a take of channels, whose joints follow their parents"
         raise InputError(found, where=take.source, hint="leave --donors out")
-    if network:
-        return _by_network(take, network)
-    rig, gaps = fill_rig(take.rig, take.fps, auto.rig_methods if method == "auto" else method)
-    return _feet_on_their_paths(take, take.with_rig(rig), method, legs), gaps
+    if method == network_fill.NAME:
+        network_fill.required()
+    chosen = auto.rig_methods if method in ("auto", network_fill.NAME) else method
+    rig, gaps = fill_rig(take.rig, take.fps, chosen)
+    filled = _feet_on_their_paths(take, take.with_rig(rig), method, legs)
+    return _by_network(take, filled, gaps, method, mapping)
 
 
-def _by_network(take: Take, network: network_fill.NetworkFill) -> tuple[Take, Gaps]:
-    """A take of channels by the network; `Gaps.method` says which gaps had no word from it."""
-    assert take.rig is not None
-    rig, gaps = fill_rig(take.rig, take.fps, network.otherwise.name)
-    filled, decided = network.fill_take(take, take.with_rig(rig))
-    spans = zip(gaps.joint, gaps.start, gaps.stop)
-    by_network = np.array([decided[start:stop, joint].all() for joint, start, stop in spans], bool)
-    why = "no joint that the network knows hangs on it"
-    reasons = gaps.reasons | dict.fromkeys(np.flatnonzero(~by_network).tolist(), why)
-    return filled, replace(gaps, method=np.where(by_network, network.name, gaps.method), reasons=reasons)
-
-
-def _completer(method: str, donors: Sequence[str]) -> Fill:
+def _completer(method: str, donors: Sequence[str], mapping: Mapping) -> Fill:
+    if method == network_fill.NAME:
+        return replace(network_fill.required(), mapping=mapping, base=auto.Auto(tuple(donors), mapping))
     if method == "auto":
-        return auto.Auto(tuple(donors))
+        network = network_fill.installed()
+        return auto.Auto(tuple(donors), mapping, replace(network, mapping=mapping).improve if network else None)
     chosen = FILLS[method]
     return replace(chosen, donors=tuple(donors)) if isinstance(chosen, DonorFill) else chosen
+
+
+def _by_network(take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapping) -> tuple[Take, Gaps]:
+    """A take of channels with those gaps by the network that were asked of it, or that are better left to it."""
+    network, kinds = network_fill.installed(), auto.rig_kinds(take.rig, gaps) if take.rig else []
+    rows = np.arange(len(gaps))
+    if method == "auto":
+        rows = np.array(auto.network_rows(gaps, kinds, take.trusted, take.fps, mapping), int)
+    if network is None or method not in ("auto", network.name) or not len(rows) or not mapping.is_person:
+        return filled, gaps
+    wanted = covered(gaps.pick(rows), take.trusted.shape)
+    filled, decided = replace(network, mapping=mapping).fill_take(take, filled, wanted)
+    method_of, reasons = gaps.method.copy(), dict(gaps.reasons)
+    for row in rows.tolist():
+        if decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all():
+            method_of[row] = network.name
+            if method == "auto":
+                reasons[row] = auto.network_reason(kinds[row], gaps.length[row] / take.fps)
+        elif method == network.name:
+            reasons[row] = "no joint that the network knows hangs on it"
+    return filled, replace(gaps, method=method_of, reasons=reasons)
 
 
 def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence[feet.Leg]) -> Take:
@@ -193,7 +209,7 @@ def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence
     A foot moves by the floor, not by the hips: on validation takes this is the better of the two by about a
     tenth for legs, and the worse one for arms and for whole bodies.
     """
-    curve = FILLS[method if method in ("linear", "hermite", "cubic") else "eased"]
+    curve = FILLS[method if method in CURVES else "eased"]
     where, follow = np.zeros((2, *before.trusted.shape), bool)
     for thigh, shin, foot, toe in legs:
         turning = [thigh, shin, foot]
