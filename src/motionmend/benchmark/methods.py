@@ -123,8 +123,11 @@ def _donor(name: str) -> Method:
 
 def _auto() -> Method:
     from ..auto import Auto
+    from ..network_fill import installed
 
-    return Method("auto", _body_fill(Auto()), about=_ABOUT["auto"])
+    network = installed()
+    about = _ABOUT["auto"] + (f"; {network.name} added where it won there" if network else "")
+    return Method("auto", _body_fill(Auto(improve=network.improve if network else None)), about=about)
 
 
 def _body_fill(completer: Any) -> Windows:

@@ -1,0 +1,81 @@
+"""An installed network against `auto` without it, by kind and length of gap, in CMU's validation takes. Prints a table.
+
+    python benchmarks/network_gaps.py --data DIR [--subjects 06 16] [--every 3] [--seed 0]
+
+The same holes as in `fills.py`, in rigs and in the same rigs' joints as points. The numbers are mean errors of what is
+missing, in mm: auto without a network, and `--method xmae`, which adds the network's difference to that. Where the
+ratio is below 1 for a kind, `auto.NETWORK_WINS` may have it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from fills import LOST, below, holes, takes
+
+from motionmend import auto, feet, network_fill, repairs
+from motionmend.body import map_rig
+from motionmend.gaps import Gaps
+from motionmend.motion import Take, Units
+
+Array = np.ndarray
+SECONDS = (0.3, 0.5, 0.7, 0.9, 1.2, 2.0)
+PARTS = {"body": None} | {part: lost for parts in LOST.values() for part, lost in parts.items()}
+
+
+def errors(data: list, lost: tuple[str, ...] | None, seconds: float, points: bool, seed: int) -> tuple[str, Array]:
+    """The kinds that these gaps have for `auto`; and the mean errors without and with the network, mm."""
+    misses: dict[str, list[Array]] = {"auto": [], network_fill.NAME: []}
+    random, kinds = np.random.default_rng(seed), set()
+    for name, rig, fps in data:
+        whole = holes(len(rig.trusted), round(seconds * fps), random)
+        gone = np.ones(len(rig.skeleton), bool) if lost is None else below(rig.skeleton, lost)
+        broken = replace(rig, trusted=whole[:, None] | ~gone)
+        unseen = ~broken.observed()
+        if not unseen.any():
+            continue
+        take = Take(broken.motion(fps), broken, None, Units(1.0, "y", "CMU's"), "bvh", name)
+        mapping = map_rig(rig.skeleton, rig.kinematics[0])
+        legs = feet.legs(mapping.joints)
+        if points:
+            take = replace(take, rig=None)
+            kinds |= set(auto.point_kinds(take.motion, Gaps.of(take.motion.observed), mapping))
+        else:
+            kinds |= set(auto.rig_kinds(broken, Gaps.of(broken.trusted)))
+        for method, found in misses.items():
+            filled, _ = repairs.fill(take, method, (), legs, mapping)
+            found.append(np.linalg.norm(filled.motion.positions - rig.kinematics[0], axis=-1)[unseen])
+    return ", ".join(sorted(kinds)), np.array([1e3 * np.concatenate(found).mean() for found in misses.values()])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--subjects", nargs="+", default=["06", "16"])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--every", type=int, default=1, help="only every n-th take, for a quick look")
+    options = parser.parse_args()
+    network = network_fill.required()
+    auto.NETWORK_WINS = {}  # auto is to be without it
+    data = takes(options.data / "cmu", options.subjects)[:: options.every]
+    frames = sum(len(rig.trusted) for _, rig, _ in data)
+    print(f"{len(data)} takes, {frames} frames, subjects {', '.join(options.subjects)}, seed {options.seed}; "
+          f"{network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
+          f"NumPy {np.__version__}\n")  # fmt: skip
+    print("| lost | kinds | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
+    print("|---|---|" + "---:|" * len(SECONDS))
+    for points in (False, True):
+        for part, lost in PARTS.items():
+            cells, kinds = [], ""
+            for seconds in SECONDS:
+                kinds, (plain, learned) = errors(data, lost, seconds, points, options.seed)
+                cells.append(f"{plain:.1f} → {learned:.1f} ({learned / plain:.3f})")
+            print(f"| {part}, {'points' if points else 'rig'} | {kinds} | " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
