@@ -2,9 +2,9 @@
 
     python benchmarks/ablations.py --corpus cmu.corpus reactidle.corpus -o runs/ablations [--steps 400] [--batch 32]
 
-The rows are the paper's ablations (Björkstrand et al. 2023, section 5) at a budget that is thousands of times smaller, so
-that its findings can be looked for in shape: what hides more, displaces more, or decodes otherwise. The errors are those
-of the quick validation, in mm, on validation windows. A run that is there already is not trained again.
+The rows are the paper's ablations (Björkstrand et al. 2023, section 5) at a budget that is thousands of times smaller,
+so that its findings can be looked for in shape: what hides more, displaces more, or decodes otherwise. The errors are
+those of the quick validation, in mm, on validation windows. A run that is there already is not trained again.
 """
 
 from __future__ import annotations

@@ -11,7 +11,8 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import motionmend as mm
-from motionmend.motion import Skeleton, Units
+import walks
+from motionmend.motion import Skeleton, Take, Units
 
 WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 
@@ -230,3 +231,22 @@ def test_the_report_names_the_donors(cloud):
     assert fill.method == "pattern"
     assert set(fill.donors) < {"LeftArm", "LeftHand"}
     assert len(fill.donors) == 1
+
+
+def test_the_report_tells_how_much_denoising_changed():
+    """Noise on the joints of a body: bones and joints shake less after the filter, and both are told."""
+    motion = walks.walk(60.0)
+    noise = np.random.default_rng(0).normal(0, 0.005, motion.positions.shape).astype(np.float32)
+    shaken = replace(motion, positions=motion.positions + noise)
+    noisy = Take(shaken, None, None, Units(1.0, "y", "made up"), "npz", "made")
+    told = mm.repair(noisy, denoise="butterworth").report
+    assert told.denoised is not None and told.denoised.method == "butterworth"
+    before, after = told.denoised.limb_sigma
+    assert 4 < before < 10 and after < 0.6 * before
+    before, after = told.denoised.jitter
+    assert after < 0.1 * before
+    apart = 1000 * np.linalg.norm(noise, axis=-1)
+    assert 0.5 * apart.mean() < told.denoised.moved < 1.5 * apart.mean() < told.denoised.farthest
+    assert "limb σ" in str(told) and "then the whole take denoised by butterworth" in str(told)
+    assert '"limb_sigma"' in told.to_json()
+    assert mm.repair(noisy).report.denoised is None

@@ -1,7 +1,8 @@
 """Which fill for which gap: by trial beside the gap where that can be, otherwise by who won on validation takes.
 
 `python benchmarks/fills.py --data DIR` measures every method on every kind of gap; WINNERS holds who won. A new
-method is measured there and joins by its name.
+method is measured there and joins by its name. `python benchmarks/network_gaps.py --data DIR` does so for the network
+that ships, on top of them.
 """
 
 from __future__ import annotations
@@ -54,11 +55,13 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
 # so many joints of the body.
 NETWORK = "xmae"
 NETWORK_WINS: dict[str, tuple[float, float, int]] = {
-    "all points": (0.6, 1.0, 0),
-    "leg joints": (0.6, 1.0, 12),
-    "joints": (0.6, 1.0, 12),
-    "body": (0.6, 1.0, 0),
-    "limb": (0.6, 1.0, 12),
+    "body": (0.25, 1.6, 0),
+    "limb": (0.4, 2.5, 12),
+    "lower limb": (0.4, 1.6, 12),
+    "extremity": (0.4, 2.5, 12),
+    "all points": (0.25, 2.5, 0),
+    "leg joints": (0.25, 2.5, 12),
+    "joints": (0.6, 2.5, 12),
 }
 
 
@@ -121,7 +124,7 @@ class Auto(Fill):
             rows = np.array(network_rows(gaps, kinds, motion.observed, motion.fps, mapping), int)
             done = replace(gaps, method=method).pick(rows)
             for row in rows[self.improve(out, motion, done)].tolist() if len(rows) else []:
-                method[row], reasons[row] = NETWORK, network_reason(kinds[row], gaps.length[row] / motion.fps)
+                method[row], reasons[row] = NETWORK, network_reason(kinds[row], float(gaps.length[row] / motion.fps))
                 donors.pop(row, None)
         return replace(gaps, method=method, donors=donors, reasons=reasons)
 

@@ -14,7 +14,7 @@ from .constraints import meet_rig_seams, meet_seams
 from .errors import InputError
 from .fills import Fill
 from .fitting import fit
-from .gaps import Gaps
+from .gaps import Gaps, covered
 from .motion import Motion, Take
 from .networks import NetworkCompleter, load_completer
 
@@ -71,7 +71,9 @@ class NetworkFill(Fill):
 
         Returns `(gaps,)` bool: the gaps on which it has a word. `Gaps.method` is "" where nothing was written yet.
         """
-        own, change = self.answer(motion)
+        # What it is not asked for is as good as seen: thousands of dropouts need not all go through the network.
+        seen = motion.observed | (~covered(gaps, motion.observed.shape) & np.isfinite(out).all(axis=-1))
+        own, change = self.answer(replace(motion, positions=out.astype(np.float32), observed=seen))
         improved = np.zeros(len(gaps), bool)
         for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
             here = slice(start, stop), joint
@@ -114,8 +116,9 @@ class NetworkFill(Fill):
         `(frames, joints)` bool, the channels that it decided.
         """
         assert before.rig is not None and filled.rig is not None
-        own, change = self.answer(before.motion)
-        improved = (filled.motion.observed & ~before.motion.observed)[..., None] & np.isfinite(change)
+        seen = replace(filled.rig, trusted=before.rig.trusted | (filled.rig.trusted & ~wanted)).observed()
+        own, change = self.answer(replace(filled.motion, observed=seen))
+        improved = (filled.motion.observed & ~seen)[..., None] & np.isfinite(change)
         targets = np.where(improved, filled.motion.positions + change, own)
         there = np.asarray(np.isfinite(targets).all(axis=-1))
         decides = there & (np.array(before.skeleton.parents) < 0)  # a root places itself, others what hangs on them

@@ -197,7 +197,7 @@ def _by_network(take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapp
         if decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all():
             method_of[row] = network.name
             if method == "auto":
-                reasons[row] = auto.network_reason(kinds[row], gaps.length[row] / take.fps)
+                reasons[row] = auto.network_reason(kinds[row], float(gaps.length[row] / take.fps))
         elif method == network.name:
             reasons[row] = "no joint that the network knows hangs on it"
     return filled, replace(gaps, method=method_of, reasons=reasons)
