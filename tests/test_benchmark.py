@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motionmend import InputError
+from motionmend import InputError, network_fill
 from motionmend.auto import Auto
 from motionmend.benchmark import Clock, classical, methods, protocol, provenance, quality, quick, run, trials, xmae
 from motionmend.benchmark.results import TRUTH, Cell, Protocol, evenly
@@ -92,7 +92,10 @@ def damaged_batch():
 # Methods on batches -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["linear", "hermite", "cubic", "pattern", "rigid", "auto", "zero-velocity"])
+FILL_NAMES = ["linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "auto"]
+
+
+@pytest.mark.parametrize("name", [*FILL_NAMES, "zero-velocity"])
 def test_fills_keep_what_is_observed_and_read_nothing_else(name):
     positions, observed = damaged_batch()
     fill = methods.find(name).fill
@@ -103,11 +106,12 @@ def test_fills_keep_what_is_observed_and_read_nothing_else(name):
     assert np.isfinite(out[[0, 1, 2, 4]]).all() and np.isnan(out[3, :, 7]).all()
 
 
-@pytest.mark.parametrize("name", ["linear", "hermite", "cubic", "pattern", "rigid", "auto"])
+@pytest.mark.parametrize("name", FILL_NAMES)
 def test_a_batch_is_its_windows_bit_for_bit(name):
     positions, observed = damaged_batch()
     out = methods.find(name).fill(positions, observed, FPS, BODY)
-    completer = Auto() if name == "auto" else FILLS[name]
+    network = network_fill.installed()
+    completer = Auto(improve=network.improve if network else None) if name == "auto" else FILLS[name]
     for window, (places, seen) in enumerate(zip(positions, observed)):
         alone = completer.complete(Motion(places, seen, FPS, BODY))
         assert np.array_equal(out[window][alone.observed], alone.positions[alone.observed])

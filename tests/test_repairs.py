@@ -95,7 +95,7 @@ def test_bones_keep_their_lengths(walk):
     np.testing.assert_allclose(lengths[1], lengths[0], atol=1e-5)
 
 
-@pytest.mark.parametrize("method", ["linear", "hermite", "cubic", "pattern", "rigid", "auto"])
+@pytest.mark.parametrize("method", ["linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae", "auto"])
 @pytest.mark.parametrize("kind", ["walk", "cloud"])
 def test_every_method_repairs_both_kinds_of_take(request, kind, method):
     take = request.getfixturevalue(kind)
