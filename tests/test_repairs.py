@@ -186,7 +186,7 @@ def test_the_report_is_json_and_adds_up(walk):
     fixed = mm.repair(walk, gaps=[(120, 150)])
     facts = json.loads(fixed.report.to_json())
     assert facts["repaired"] == 30 * 31
-    assert facts["fills"][0]["joints"] == list(walk.skeleton.names)
+    assert sorted(name for row in facts["fills"] for name in row["joints"]) == sorted(walk.skeleton.names)
     assert "120:150" in str(fixed.report)
 
 

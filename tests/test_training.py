@@ -81,7 +81,7 @@ def test_reaches_the_least_squares_optimum(tmp_path, corpus):
 
 
 def test_a_run_that_was_stopped_ends_as_one_that_was_not(tmp_path, corpus):
-    network = {"dropout": 0.2, "nap": 0.002}
+    network = {"dropout": 0.2, "nap": 0.004}
     often = {"checkpoint_every": 7, "validate_every": 50, "log_every": 10}
     options = {"steps": 300, "batch": 16, "network": network, **often}
     whole = trained(tmp_path / "whole", corpus, **options)

@@ -55,12 +55,12 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
 # so many joints of the body.
 NETWORK = "xmae"
 NETWORK_WINS: dict[str, tuple[float, float, int]] = {
-    "body": (0.25, 1.6, 0),
+    "body": (0.4, 1.6, 0),
     "limb": (0.4, 2.5, 12),
     "lower limb": (0.4, 1.6, 12),
     "extremity": (0.4, 2.5, 12),
-    "all points": (0.25, 2.5, 0),
-    "leg joints": (0.25, 2.5, 12),
+    "all points": (0.4, 2.5, 0),
+    "leg joints": (0.4, 2.5, 12),
     "joints": (0.6, 2.5, 12),
 }
 
@@ -114,16 +114,20 @@ class Auto(Fill):
         for row, name in self._tried(motion, gaps, kinds, chains).items():
             chains[row] = tuple(dict.fromkeys((name, "eased")))
             reasons[row] = f"{name} did best on the good frames beside it"
+        learned: list[int] = []
+        if self.improve and mapping.is_person:
+            learned = network_rows(gaps, kinds, motion.observed, motion.fps, mapping)
+        for row in learned:
+            chains[row] = ("bones", "eased")  # the curve that the network begins at
         method, donors = gaps.method.copy(), {}
         for chain in sorted(set(chains)):
             rows = np.flatnonzero([other == chain for other in chains])
             done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
             method[rows] = done.method
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
-        if self.improve and mapping.is_person:
-            rows = np.array(network_rows(gaps, kinds, motion.observed, motion.fps, mapping), int)
-            done = replace(gaps, method=method).pick(rows)
-            for row in rows[self.improve(out, motion, done)].tolist() if len(rows) else []:
+        if self.improve and learned:
+            improved = self.improve(out, motion, replace(gaps, method=method).pick(np.array(learned)))
+            for row in np.array(learned)[improved].tolist():
                 method[row], reasons[row] = NETWORK, network_reason(kinds[row], float(gaps.length[row] / motion.fps))
                 donors.pop(row, None)
         return replace(gaps, method=method, donors=donors, reasons=reasons)
