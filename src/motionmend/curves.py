@@ -136,7 +136,7 @@ CURVES = {
 
 
 def between_seen(positions: Array, observed: Array) -> tuple[Array, Array]:
-    """Cubic Hermite curves, and straight lines, through whatever is observed, in all joints of many windows at once.
+    """`eased` curves, and straight lines, through whatever is observed, in all joints of many 60 fps windows at once.
 
     Parameters
     ----------
@@ -147,8 +147,8 @@ def between_seen(positions: Array, observed: Array) -> tuple[Array, Array]:
     Both `(B, T, J, 3)` float32: `positions` where observed. Before a joint's first and after its last sample it stands
     still; 0 for a joint that has none.
 
-    The seams' velocities are measured as `velocity` does, over NEAR frames; over one frame where fewer are observed in
-    a row, and along the chord where the seam stands alone.
+    The seams' velocities are measured as `velocity` does, over NEAR frames; over two frames or one where fewer are
+    observed in a row, and along the chord where the seam stands alone.
     """
     frames = observed.shape[1]
     seen = observed[..., None]

@@ -7,8 +7,8 @@ curves are those of the positions. Signs of quaternions do not matter to it.
 
 A person moves a limb through the world rather than against the trunk: with the hips known and a leg lost,
 turns filled in the parent's frame pass every jerk of the hips on to the foot. Measured, turns in the world are
-better for all but long gaps of a forearm, so "linear", "hermite" and "cubic" fill those. The parent is a joint's
-natural donor: "pattern" fills the Hermite curve and "rigid" the straight one in the parent's frame.
+better for all but long gaps of a forearm, so "linear", "hermite", "eased" and "cubic" fill those. The parent is a
+joint's natural donor: "pattern" and "bones" fill the eased curve and "rigid" the straight one in the parent's frame.
 """
 
 from __future__ import annotations
