@@ -167,8 +167,9 @@ def all_markers(owners: Array, random: np.random.Generator) -> Array:
     return np.ones(len(owners), bool)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def asked(doc: str | None) -> tuple[argparse.Namespace, list, str]:
+    """The command line, the takes that it means, and what they are in words."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--subjects", nargs="+", default=["06", "16"])
     parser.add_argument("--seed", type=int, default=0)
@@ -176,8 +177,13 @@ def main() -> None:
     options = parser.parse_args()
     data = takes(options.data / "cmu", options.subjects)[:: options.every]
     frames = sum(len(rig.trusted) for _, rig, _ in data)
-    print(f"{len(data)} takes, {frames} frames, subjects {', '.join(options.subjects)}, seed {options.seed}, "
-          f"Python {platform.python_version()}, NumPy {np.__version__}")  # fmt: skip
+    subjects = ", ".join(options.subjects)
+    return options, data, f"{len(data)} takes, {frames} frames, subjects {subjects}, seed {options.seed}"
+
+
+def main() -> None:
+    options, data, told = asked(__doc__)
+    print(f"{told}, Python {platform.python_version()}, NumPy {np.__version__}")
 
     turns = {name: by_turns(name) for name in RIG_FILLS} | {"auto": by_turns(auto.rig_methods)}
     turns["hermite in space"] = in_space(FILLS["hermite"])

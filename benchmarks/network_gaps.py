@@ -9,13 +9,11 @@ ratio is below 1 for a kind, `auto.NETWORK_WINS` may have it.
 
 from __future__ import annotations
 
-import argparse
 import platform
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from fills import LOST, below, holes, takes
+from fills import LOST, asked, below, holes
 
 from motionmend import auto, feet, network_fill, repairs
 from motionmend.body import map_rig
@@ -53,18 +51,10 @@ def errors(data: list, lost: tuple[str, ...] | None, seconds: float, points: boo
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--subjects", nargs="+", default=["06", "16"])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--every", type=int, default=1, help="only every n-th take, for a quick look")
-    options = parser.parse_args()
+    options, data, told = asked(__doc__)
     network = network_fill.required()
     auto.NETWORK_WINS = {}  # auto is to be without it
-    data = takes(options.data / "cmu", options.subjects)[:: options.every]
-    frames = sum(len(rig.trusted) for _, rig, _ in data)
-    print(f"{len(data)} takes, {frames} frames, subjects {', '.join(options.subjects)}, seed {options.seed}; "
-          f"{network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
+    print(f"{told}; {network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
           f"NumPy {np.__version__}\n")  # fmt: skip
     print("| lost | kinds | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
     print("|---|---|" + "---:|" * len(SECONDS))

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from . import checkpoints
+from .auto import NETWORK as NAME
 from .auto import Auto
 from .body import Mapping, map_rig
 from .constraints import meet_rig_seams, meet_seams
@@ -19,8 +20,6 @@ from .motion import Motion, Take
 from .networks import NetworkCompleter, load_completer
 
 Array = np.ndarray
-
-NAME = "xmae"
 
 
 @lru_cache(maxsize=1)

@@ -184,11 +184,13 @@ def _completer(method: str, donors: Sequence[str], mapping: Mapping) -> Fill:
 
 def _by_network(take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapping) -> tuple[Take, Gaps]:
     """A take of channels with those gaps by the network that were asked of it, or that are better left to it."""
-    network, kinds = network_fill.installed(), auto.rig_kinds(take.rig, gaps) if take.rig else []
-    rows = np.arange(len(gaps))
+    network = network_fill.installed() if method in ("auto", network_fill.NAME) and mapping.is_person else None
+    if network is None or take.rig is None:
+        return filled, gaps
+    kinds, rows = auto.rig_kinds(take.rig, gaps), np.arange(len(gaps))
     if method == "auto":
         rows = np.array(auto.network_rows(gaps, kinds, take.trusted, take.fps, mapping), int)
-    if network is None or method not in ("auto", network.name) or not len(rows) or not mapping.is_person:
+    if not len(rows):
         return filled, gaps
     wanted = covered(gaps.pick(rows), take.trusted.shape)
     filled, decided = replace(network, mapping=mapping).fill_take(take, filled, wanted)

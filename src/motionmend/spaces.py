@@ -222,13 +222,13 @@ def away(observed: Array) -> tuple[Array, Array]:
 
 
 def packed(positions: Array, observed: Array) -> dict[str, Array]:
-    """The observed ones of `positions (B, T, J, K)` in the order of frames and joints: JointTokens' inputs."""
+    """The observed ones of `positions (B, T, J, 3)` in the order of frames and joints: JointTokens' inputs."""
     rows = len(positions)
     seen = observed.reshape(rows, -1)
     count = seen.sum(axis=1)
     most = max(1, int(count.max(initial=0)))
     index = np.argsort(~seen, axis=1, kind="stable")[:, :most]
-    tokens = np.take_along_axis(positions.reshape(rows, -1, positions.shape[-1]), index[..., None], axis=1)
+    tokens = np.take_along_axis(positions.reshape(rows, -1, 3), index[..., None], axis=1)
     return {"tokens": tokens, "index": index, "there": np.arange(most) < count[:, None]}
 
 
