@@ -178,6 +178,15 @@ def painted(diagnosis: Diagnosis, causes: set[str], shape: tuple[int, ...]) -> A
     return mask
 
 
+def accused(diagnosis: Diagnosis) -> Array:
+    """`(frames, joints)` bool: what a repair would fill, exchange or move back."""
+    mask = diagnosis.untrusted.copy()
+    for finding in diagnosis.findings:
+        if finding.is_undone:
+            mask[finding.start : finding.stop, list(finding.indices)] = True
+    return mask
+
+
 def overlap(a: tuple[int, int], b: tuple[int, int]) -> float:
     both = min(a[1], b[1]) - max(a[0], b[0])
     return max(0, both) / (a[1] - a[0] + b[1] - b[0] - max(0, both))
@@ -209,7 +218,7 @@ def add(score: Score, take: Take, clean: Diagnosis, case: Case, broken: Take, tr
     if case.cause == "swap":
         flagged = painted(seen, causes, changed.shape) & ~painted(clean, causes, changed.shape)
     else:
-        flagged = seen.untrusted & ~clean.untrusted
+        flagged = accused(seen) & ~accused(clean)
     score.samples += int(changed.sum())
     score.samples_found += int((changed & (flagged | clean.untrusted)).sum())
     score.samples_flagged += int(flagged.sum())
@@ -280,7 +289,7 @@ def print_false_alarms(name: str, files: list[tuple[Path, float | None]]) -> Non
     for path, fps in files:
         takes += 1
         for kind, take in both_kinds(path, fps):
-            flagged[kind] += int(diagnose(take).untrusted.sum())
+            flagged[kind] += int(accused(diagnose(take)).sum())
             samples[kind] += take.trusted.size
     shares = [f"{100 * flagged[kind] / samples[kind]:.4f}" for kind in flagged]
     print(f"| {name} | {takes} | {samples['points']:,} | {' | '.join(shares)} |", flush=True)

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from . import compensation, symptoms
+from .disagreement import disagreements
 from .motion import Array, Take, runs
-from .planting import exchange_channels, exchanged
+from .planting import exchange_channels
 from .swaps import exchange_tracks, find_swaps
 from .symptoms import FEW, Tear, Track
 
@@ -39,6 +40,7 @@ class Finding:
     cause : gap, lost, dropout, held, jump, swap, displaced, noise or t-pose.
     certainty : 0 to 1; a rough share of such findings that are truly damage.
     detail : what was seen, in words. indices : the joints' indices; a swap has its pairs in turn, left, right.
+    shift : metres to add to points that are displaced by one offset, where that is known; None otherwise.
     """
 
     cause: str
@@ -48,12 +50,18 @@ class Finding:
     certainty: float
     detail: str
     indices: tuple[int, ...]
+    shift: tuple[float, float, float] | None = None
+
+    @property
+    def is_undone(self) -> bool:
+        """Whether `undone` puts it right, so that nothing needs to be filled: its values are good, but elsewhere."""
+        return self.certainty >= CERTAIN and (self.cause == "swap" or self.shift is not None)
 
 
 def told(finding: Finding) -> dict[str, Any]:
-    """A finding for reports: its names, without the indices."""
+    """A finding for reports: its names, without what only a repair wants to know."""
     facts = asdict(finding)
-    del facts["indices"]
+    del facts["indices"], facts["shift"]
     return facts
 
 
@@ -69,8 +77,8 @@ def diagnose(take: Take) -> Diagnosis:
     """What is wrong with a take, and which of its numbers to replace.
 
     `untrusted` has the shape of `take.trusted` and, for a take of channels, speaks of each joint's own
-    channels. Noise, a T-pose and a step that is not undone are told but never untrusted; a swap is not
-    either, because its values are good: see `unswap`.
+    channels. Noise, a T-pose and a step that is not undone are told but never untrusted; a swap, or a stretch that
+    is off by one known offset, is not either, because its values are good: see `undone`.
     """
     findings = list(_missing(take))
     untrusted = ~take.trusted
@@ -82,17 +90,27 @@ def diagnose(take: Take) -> Diagnosis:
     return Diagnosis(tuple(sorted(findings, key=lambda f: (f.start, f.stop, f.cause))), untrusted)
 
 
+def undone(take: Take, finding: Finding) -> Take:
+    """The take with a swap exchanged back, or an offset taken out again: nothing is interpolated, nothing lost."""
+    if finding.shift is None:
+        return unswap(take, finding)
+    positions = take.motion.positions.copy()
+    positions[finding.start : finding.stop, list(finding.indices)] += np.array(finding.shift, np.float32)
+    return take.with_motion(replace(take.motion, positions=positions))
+
+
 def unswap(take: Take, finding: Finding) -> Take:
     """The take with the left and right values of a swap exchanged back: nothing is interpolated, nothing lost."""
+    order = np.arange(len(take.skeleton))
+    left, right = list(finding.indices[::2]), list(finding.indices[1::2])
+    order[left], order[right] = right, left
+    start, stop = finding.start, finding.stop
     if take.rig is None:
-        order = exchanged(take.skeleton.names, finding.indices)
-        start, stop = finding.start, finding.stop
         positions, observed = take.motion.positions.copy(), take.motion.observed.copy()
         positions[start:stop], observed[start:stop] = positions[start:stop, order], observed[start:stop, order]
         return take.with_motion(replace(take.motion, positions=positions, observed=observed))
     rotations, translations = take.rig.rotations.copy(), take.rig.translations.copy()
-    order = exchanged(take.skeleton.names, finding.indices)
-    exchange_channels(take.rig, rotations, translations, order, finding.start, finding.stop)
+    exchange_channels(take.rig, rotations, translations, order, start, stop)
     return take.with_rig(replace(take.rig, rotations=rotations, translations=translations))
 
 
@@ -195,7 +213,7 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
                 track.values[:first] = np.nan
         findings += _noise(take, tracks)
     findings += _held(take, tracks, copied, doubled, bad)
-    mended = take
+    mended = undisputed = take
     for start, stop, certainty, joints in find_swaps(tracks, take.skeleton.names, take.fps):
         detail = "left and right have each other's values; they can be exchanged back without loss"
         if take.rig is not None and len(joints) <= 2 and _tips(take)[joints].all():
@@ -204,11 +222,14 @@ def _judge(take: Take, tracks: list[Track]) -> tuple[list[Finding], Array]:
         findings.append(swap)
         exchange_tracks(tracks, swap.indices, start, stop)
         mended = unswap(mended, swap)
+        undisputed = undone(undisputed, swap) if swap.is_undone else undisputed
     accused = bad | _painted(findings, bad.shape)
     for track in tracks:
         track.values[accused[:, track.joint]] = np.nan
     findings += _torn(take, tracks)
     findings = list(_borne_out(mended, findings))
+    if take.rig is None:
+        findings = _with_disagreements(undisputed, findings, bad)
     return findings, bad | _painted(findings, bad.shape)
 
 
@@ -222,7 +243,7 @@ def _painted(findings: list[Finding], shape: tuple[int, ...]) -> Array:
 
 
 def _replaceable(finding: Finding) -> bool:
-    return finding.cause in ROUGHNESS and finding.certainty >= CERTAIN
+    return finding.cause in ROUGHNESS and finding.certainty >= CERTAIN and finding.shift is None
 
 
 def _held(take: Take, tracks: list[Track], copied: Array, doubled: Array, bad: Array) -> list[Finding]:
@@ -336,3 +357,33 @@ def _borne_out(take: Take, findings: list[Finding]) -> Iterator[Finding]:
         if harmless:
             why = f"{found.detail}, but the movement would be no smoother without it"
             yield _finding(take, found.cause, harmless, *where, 0.4, why)
+
+
+# Against the other joints ---------------------------------------------------------------------------------
+
+
+def _with_disagreements(take: Take, findings: list[Finding], bad: Array) -> list[Finding]:
+    """The findings, and those of joints that disagree with the others, which know more of displaced stretches."""
+    known = bad | _painted([finding for finding in findings if finding.cause != "displaced"], bad.shape)
+    for seen in disagreements(replace(take.motion, observed=take.motion.observed & ~known)):
+        new = replace(_finding(take, *seen.found), shift=seen.shift)
+        same = [old for old in findings if _is_same(old, new)]
+        if new.certainty < CERTAIN and same:
+            continue  # told already, or certain by its seams
+        findings = [old for old in findings if old not in same]
+        for old in same:
+            others = [joint for joint in old.indices if joint not in new.indices]
+            if others and old.cause == "displaced":
+                findings.append(_finding(take, old.cause, others, old.start, old.stop, old.certainty, old.detail))
+        findings.append(new)
+    return findings
+
+
+def _is_same(old: Finding, new: Finding) -> bool:
+    """Whether two findings speak of the same joints' places at the same time; a sure jump is one for itself."""
+    sure = old.certainty >= CERTAIN
+    if old.cause != "displaced" and (sure or old.cause not in ("jump", "swap")):
+        return False
+    both = min(old.stop, new.stop + FEW) - max(old.start, new.start - FEW)
+    least = 0.5 * (old.stop - old.start) if sure else 0.0
+    return both > least and not set(old.indices).isdisjoint(new.indices)
