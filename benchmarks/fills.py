@@ -167,13 +167,15 @@ def all_markers(owners: Array, random: np.random.Generator) -> Array:
     return np.ones(len(owners), bool)
 
 
-def asked(doc: str | None) -> tuple[argparse.Namespace, list, str]:
-    """The command line, the takes that it means, and what they are in words."""
+def asked(doc: str | None, **more: str) -> tuple[argparse.Namespace, list, str]:
+    """The command line, the takes that it means, and what they are in words. `more` options by name: their defaults."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--subjects", nargs="+", default=["06", "16"])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="only every n-th take, for a quick look")
+    for name, default in more.items():
+        parser.add_argument(f"--{name}", default=default)
     options = parser.parse_args()
     data = takes(options.data / "cmu", options.subjects)[:: options.every]
     frames = sum(len(rig.trusted) for _, rig, _ in data)

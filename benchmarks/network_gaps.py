@@ -1,10 +1,10 @@
 """An installed network against `auto` without it, by kind and length of gap, in CMU's validation takes. Prints a table.
 
-    python benchmarks/network_gaps.py --data DIR [--subjects 06 16] [--every 3] [--seed 0]
+    python benchmarks/network_gaps.py --data DIR [--network xmae] [--subjects 06 16] [--every 3] [--seed 0]
 
 The same holes as in `fills.py`, in rigs and in the same rigs' joints as points. The numbers are mean errors of what is
-missing, in mm: auto without a network, and `--method xmae`, which adds the network's difference to that. Where the
-ratio is below 1 for a kind, `auto.NETWORK_WINS` may have it.
+missing, in mm: auto with only the networks that come before this one in `auto.NETWORK_WINS`, and the network as
+`repair --method` has it. Where the ratio is below 1 for a kind, `auto.NETWORK_WINS` may have it.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from motionmend.gaps import Gaps
 from motionmend.motion import Take, Units
 
 Array = np.ndarray
-SECONDS = (0.3, 0.5, 0.7, 0.9, 1.2, 2.0)
+SECONDS = (0.3, 0.5, 0.7, 0.9, 1.2, 2.0, 3.0)
 PARTS = {"body": None} | {part: lost for parts in LOST.values() for part, lost in parts.items()}
 
 
-def errors(data: list, lost: tuple[str, ...] | None, seconds: float, points: bool, seed: int) -> tuple[str, Array]:
-    """The kinds that these gaps have for `auto`; and the mean errors without and with the network, mm."""
-    misses: dict[str, list[Array]] = {"auto": [], network_fill.NAME: []}
+def errors(
+    data: list, network: str, lost: tuple[str, ...] | None, seconds: float, points: bool, seed: int
+) -> tuple[str, Array]:
+    """The kinds that these gaps have for `auto`; and the mean errors of `auto` and of the network, mm."""
+    misses: dict[str, list[Array]] = {"auto": [], network: []}
     random, kinds = np.random.default_rng(seed), set()
     for name, rig, fps in data:
         whole = holes(len(rig.trusted), round(seconds * fps), random)
@@ -51,9 +53,11 @@ def errors(data: list, lost: tuple[str, ...] | None, seconds: float, points: boo
 
 
 def main() -> None:
-    options, data, told = asked(__doc__)
-    network = network_fill.required()
-    auto.NETWORK_WINS = {}  # auto is to be without it
+    options, data, told = asked(__doc__, network="xmae")
+    network = network_fill.required(options.network)
+    names = list(auto.NETWORK_WINS)
+    for name in names[names.index(options.network) :]:
+        auto.NETWORK_WINS[name] = {}
     print(f"{told}; {network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
           f"NumPy {np.__version__}\n")  # fmt: skip
     print("| lost | kinds | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
@@ -62,7 +66,7 @@ def main() -> None:
         for part, lost in PARTS.items():
             cells, kinds = [], ""
             for seconds in SECONDS:
-                kinds, (plain, learned) = errors(data, lost, seconds, points, options.seed)
+                kinds, (plain, learned) = errors(data, options.network, lost, seconds, points, options.seed)
                 cells.append(f"{plain:.1f} → {learned:.1f} ({learned / plain:.3f})")
             print(f"| {part}, {'points' if points else 'rig'} | {kinds} | " + " | ".join(cells) + " |", flush=True)
 

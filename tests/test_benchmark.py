@@ -110,8 +110,8 @@ def test_fills_keep_what_is_observed_and_read_nothing_else(name):
 def test_a_batch_is_its_windows_bit_for_bit(name):
     positions, observed = damaged_batch()
     out = methods.find(name).fill(positions, observed, FPS, BODY)
-    network = network_fill.installed()
-    completer = Auto(improve=network.improve if network else None) if name == "auto" else FILLS[name]
+    improve = {name: network.improve for name, network in network_fill.installed().items()}
+    completer = Auto(improve=improve) if name == "auto" else FILLS[name]
     for window, (places, seen) in enumerate(zip(positions, observed)):
         alone = completer.complete(Motion(places, seen, FPS, BODY))
         assert np.array_equal(out[window][alone.observed], alone.positions[alone.observed])

@@ -13,6 +13,7 @@ from motionmend.corpus import ClipInfo
 from motionmend.corpus_writer import write_corpus
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton
+from motionmend.rows import body_local
 
 STANDING = np.zeros((21, 3))
 for _name, _joint in JOINT.items():
@@ -126,7 +127,7 @@ def test_body_local_is_what_a_slow_twin_says():
             out[frame] = total / weights
         return out
 
-    for window, found in zip(positions.astype(float), convae.body_local(positions)):
+    for window, found in zip(positions.astype(float), body_local(positions)):
         across = (window[:, JOINT["left_thigh"]] - window[:, JOINT["right_thigh"]]
                   + window[:, JOINT["left_upper_arm"]] - window[:, JOINT["right_upper_arm"]])  # fmt: skip
         forward = np.cross(across, [0.0, 1.0, 0.0])  # left x up
@@ -140,7 +141,7 @@ def test_body_local_is_what_a_slow_twin_says():
 
 def test_an_unmoved_body_faces_forward_over_the_origin():
     poses = np.broadcast_to(turned(STANDING, 2.0) + np.array([5, 0, 7]), (1, 30, 21, 3))
-    assert convae.body_local(poses.astype(np.float32))[0, 4] == pytest.approx(STANDING, abs=1e-5)
+    assert body_local(poses.astype(np.float32))[0, 4] == pytest.approx(STANDING, abs=1e-5)
 
 
 def test_noise_is_as_large_as_it_says(tmp_path):

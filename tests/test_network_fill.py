@@ -22,14 +22,14 @@ LIFT = np.array([0, 0.05, 0], np.float32)
 
 def answering(lift=(0, 0, 0), space="poses_off_curves"):
     """A network that says the truth is so far from the curve."""
-    description = Description("still", space, 60.0, 60, BODY)
+    description = Description("xmae", space, 60.0, 60, BODY)
     run = lambda inputs: np.zeros((*inputs["curve"].shape[:3], 3), np.float32) + np.float32(lift)  # noqa: E731
     return network_fill.NetworkFill(networks.completer(description, run))
 
 
 @pytest.fixture
 def install(monkeypatch):
-    return lambda fill: monkeypatch.setattr(network_fill, "installed", lambda: fill)
+    return lambda *fills: monkeypatch.setattr(network_fill, "installed", lambda: {fill.name: fill for fill in fills})
 
 
 def gap_of(motion, joints, start, stop):
@@ -98,12 +98,12 @@ def test_a_limb_that_is_never_seen_gets_the_networks_own_answer():
 def wins(monkeypatch):
     """The network wins all gaps of the whole body of 0.4 to 1 s, and of joints where 12 others are seen."""
     table = {"all points": (0.4, 1.0, 0), "joints": (0.4, 1.0, 12), "body": (0.4, 1.0, 0)}
-    monkeypatch.setattr(auto, "NETWORK_WINS", table)
+    monkeypatch.setattr(auto, "NETWORK_WINS", {"xmae": table})
 
 
 def test_auto_takes_the_network_where_it_won_and_says_so(wins):
     motion = walk(60.0)
-    choosing = auto.Auto(improve=answering(LIFT).improve)
+    choosing = auto.Auto(improve={"xmae": answering(LIFT).improve})
     for joints, seconds, by_network in (
         (slice(None), 0.5, True), (slice(None), 0.3, False), (LIMBS["left_arm"], 0.5, True),
         (LIMBS["left_leg"], 0.5, False), (list(range(1, 21)), 0.5, False),
@@ -117,13 +117,22 @@ def test_auto_takes_the_network_where_it_won_and_says_so(wins):
             assert all("won on validation" in gaps.reasons[row] for row in range(len(gaps)))
 
 
+def test_of_several_networks_the_first_that_won_is_taken(monkeypatch):
+    table = {"xmae": {"all points": (0.4, 1.0, 0)}, "convae": {"all points": (0.8, 3.0, 0)}}
+    monkeypatch.setattr(auto, "NETWORK_WINS", table)
+    chosen = [auto.network_for("all points", seconds, 0, table) for seconds in (0.3, 0.5, 0.9, 1.0, 2.9, 3.0)]
+    assert chosen == ["", "xmae", "xmae", "convae", "convae", ""]
+    assert auto.network_for("all points", 0.9, 0, ["convae"]) == "convae"
+    assert auto.network_for("markers", 0.9, 20, table) == ""
+
+
 def test_network_rows_are_gaps_with_both_ends_of_joints_it_knows(wins):
     motion = walk(60.0)
     observed = motion.observed.copy()
     observed[:30], observed[60:90], observed[100:104] = False, False, False
     gaps = Gaps.of(observed)
     mapping = replace(map_rig(BODY, motion.positions), joints=(*range(20), -1))
-    rows = auto.network_rows(gaps, ["all points"] * len(gaps), observed, 60.0, mapping)
+    rows = auto.network_rows(gaps, ["all points"] * len(gaps), observed, 60.0, mapping, ["xmae"])
     assert {(int(gaps.joint[row]), int(gaps.start[row])) for row in rows} == {(joint, 60) for joint in range(20)}
 
 
@@ -135,7 +144,7 @@ def test_a_rig_is_posed_as_the_network_says_and_nothing_else_moves(install, monk
     install(answering(lift))
     take = mm.load(WALK)
     fixed = mm.repair(take, gaps=[(100, 160)], method="xmae")
-    monkeypatch.setattr(auto, "NETWORK_WINS", {})
+    monkeypatch.setattr(auto, "NETWORK_WINS", {"xmae": {}})
     plain = mm.repair(take, gaps=[(100, 160)], method="auto")
     moved = fixed.motion.positions - plain.motion.positions
     assert np.array_equal(np.delete(fixed.motion.positions, range(100, 160), 0),
@@ -157,7 +166,7 @@ def test_auto_asks_the_network_for_rigs_too(install, wins):
 
 
 def test_without_an_installed_network_auto_does_without_and_the_method_is_refused(install):
-    install(None)
+    install()
     take = mm.load(WALK)
     assert mm.repair(take, gaps=[(100, 172)]).report.repaired
     with pytest.raises(InputError, match="no network named 'xmae' is installed"):
@@ -206,8 +215,8 @@ def test_the_network_that_ships_is_found_and_better_than_the_fills_where_auto_ta
     """On a walk it has seen in training: whether it is there and put in the right place, not how good it is."""
     motion = walk(60.0)
     broken = gap_of(motion, LIMBS["right_leg"], 40, 80)
-    network = network_fill.required()
-    with_it, gaps = auto.Auto(improve=network.improve).fill(broken)
+    network = network_fill.required("xmae")
+    with_it, gaps = auto.Auto(improve={"xmae": network.improve}).fill(broken)
     without = auto.Auto().complete(broken)
     assert set(gaps.method) == {"xmae"}
     ours, theirs = (np.linalg.norm(each.positions - motion.positions, axis=-1)[~broken.observed].mean()

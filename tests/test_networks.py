@@ -143,6 +143,17 @@ def test_the_graph_answers_as_the_network_does(trial):
     np.testing.assert_allclose(answer, module_completer(trial.network).windows(positions, observed), atol=1e-4)
 
 
+@pytest.mark.parametrize("frames", [1, 2, 31, 33, 241, 1000])
+def test_a_graph_for_any_length_answers_as_the_network_does(trial, frames):
+    if not trial.kind.any_length:
+        pytest.skip("its windows have one length")
+    positions = windows.cut(trial.take.positions, np.array([0, 20]), frames)
+    observed = np.ones(positions.shape[:3], bool)
+    observed[0, frames // 3 : frames // 2], observed[1, :, 5] = False, False
+    answer = trial.completer.windows(positions, observed)
+    np.testing.assert_allclose(answer, module_completer(trial.network).windows(positions, observed), atol=1e-4)
+
+
 def test_windows_in_one_batch_answer_as_they_do_alone(trial):
     positions, observed = trial.windows(5, seed=6)
     together = trial.completer.windows(positions, observed)

@@ -318,3 +318,38 @@ def test_the_command_trains_validates_draws_and_exports(tmp_path, capfd):
     assert [path.name for path in sorted((run / "samples").iterdir())] == ["000000003.png", "000000006.png"]
     rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert [row["step"] for row in rows if "validation" in row] == [3, 6]
+
+
+# What a run begins with
+
+
+def test_a_network_is_shown_training_windows_once_before_it_trains(tmp_path, corpus, monkeypatch):
+    shown = []
+    monkeypatch.setattr(Line, "measure", lambda *of: shown.append(of[1]), raising=False)
+    trained(tmp_path / "run", corpus, steps=3)
+    trained(tmp_path / "run", corpus, steps=3, resume=True)
+    opened = Corpus.open(corpus)
+    frames = {float(window[0, -1, 1]) for window in opened.windows(opened.starts("train", 2, 1, pad=True), 2)[0]}
+    assert len(shown) == 1 and {float(window[0, -1, 1]) for window in shown[0]} <= frames
+
+
+def test_training_can_begin_with_the_weights_of_a_checkpoint(tmp_path):
+    pytest.importorskip("onnx")
+    from motionmend.body import BODY
+    from motionmend.export import export, halved
+    from motionmend.training import runs
+    from tiny import Tiny, TinyConfig
+    from walks import walk
+
+    torch.manual_seed(1)
+    source, positions = Tiny(TinyConfig(), 21), walk(30.0).positions[None, :16].repeat(2, axis=0)
+    export(source, tmp_path / "start", skeleton=BODY, windows=(positions, np.ones((2, 16, 21), bool)))
+    chosen = Settings(name="tiny:Tiny", start=str(tmp_path / "start"))
+    torch.manual_seed(2)
+    network = Tiny(TinyConfig(), 21)
+    runs.begin(network, chosen, [])
+    assert same(network.state_dict(), halved(source).state_dict())
+    with pytest.raises(InputError, match=r"not weights of this tiny.*hidden 8"):
+        runs.begin(Tiny(TinyConfig(hidden=4), 21), chosen, [])
+    with pytest.raises(InputError, match="no network or checkpoint is named"):
+        runs.begin(network, Settings(name="tiny:Tiny", start="nowhere"), [])

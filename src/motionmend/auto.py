@@ -7,8 +7,8 @@ that ships, on top of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,24 +51,36 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
 }
 
-# kind -> from so many seconds, and below so many, an installed network of this name did better than any fill, if it saw
-# so many joints of the body.
-NETWORK = "xmae"
-NETWORK_WINS: dict[str, tuple[float, float, int]] = {
-    "body": (0.4, 1.6, 0),
-    "limb": (0.4, 2.5, 12),
-    "lower limb": (0.4, 1.6, 12),
-    "extremity": (0.4, 2.5, 12),
-    "all points": (0.4, 2.5, 0),
-    "leg joints": (0.4, 2.5, 12),
-    "joints": (0.6, 2.5, 12),
+# network -> kind -> from so many seconds, and below so many, an installed network of this name did better than any fill
+# and any network before it here, if it saw so many joints of the body.
+NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
+    "xmae": {
+        "body": (0.4, 1.6, 0),
+        "limb": (0.4, 1.6, 12),
+        "lower limb": (0.4, 1.6, 12),
+        "extremity": (0.4, 2.5, 12),
+        "all points": (0.4, 1.6, 0),
+        "leg joints": (0.4, 2.5, 12),
+        "joints": (0.6, 2.5, 12),
+    },
+    "convae": {
+        "body": (1.6, 6.0, 0),
+        "limb": (1.6, 6.0, 12),
+        "all points": (1.6, 6.0, 0),
+        "leg joints": (2.5, 6.0, 12),
+        "joints": (2.5, 6.0, 12),
+    },
 }
 
 
-def network_wins(kind: str, seconds: float, seen: int) -> bool:
-    """Whether a gap is the network's: one of this kind and length, through which it sees so many of BODY's joints."""
-    shortest, longest, least = NETWORK_WINS.get(kind, (np.inf, 0.0, 0))
-    return shortest <= seconds < longest and seen >= least
+def network_for(kind: str, seconds: float, seen: int, there: Iterable[str]) -> str:
+    """The network, among those that are there, for a gap of this kind and length, with so many of BODY's joints seen
+    throughout; "" where a fill is better."""
+    for name in there:
+        shortest, longest, least = NETWORK_WINS.get(name, {}).get(kind, (np.inf, 0.0, 0))
+        if shortest <= seconds < longest and seen >= least:
+            return name
+    return ""
 
 
 def choose(kind: str, seconds: float, donors: int = 0) -> tuple[str, str]:
@@ -94,12 +106,13 @@ class Auto(Fill):
 
     donors : names of joints or markers to choose donors from; all if empty.
     mapping : which joints are a person's; `body.map_rig`'s answer otherwise.
-    improve : the installed network's `network_fill.NetworkFill.improve`, for gaps in NETWORK_WINS in takes of a person.
+    improve : by name, the installed networks' `network_fill.NetworkFill.improve`, for gaps in NETWORK_WINS in takes of
+        a person.
     """
 
     donors: tuple[str, ...] = ()
     mapping: Mapping | None = None
-    improve: Callable[[Array, Motion, Gaps], Array] | None = None
+    improve: dict[str, Callable[[Array, Motion, Gaps], Array]] = field(default_factory=dict)
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """Fall from the method for three donors to that for one and to that for none, as each gap's chart allows."""
@@ -114,21 +127,22 @@ class Auto(Fill):
         for row, name in self._tried(motion, gaps, kinds, chains).items():
             chains[row] = tuple(dict.fromkeys((name, "eased")))
             reasons[row] = f"{name} did best on the good frames beside it"
-        learned: list[int] = []
+        learned: dict[int, str] = {}
         if self.improve and mapping.is_person:
-            learned = network_rows(gaps, kinds, motion.observed, motion.fps, mapping)
+            learned = network_rows(gaps, kinds, motion.observed, motion.fps, mapping, self.improve)
         for row in learned:
-            chains[row] = ("bones", "eased")  # the curve that the network begins at
+            chains[row] = ("bones", "eased")  # what a network's word is added to
         method, donors = gaps.method.copy(), {}
         for chain in sorted(set(chains)):
             rows = np.flatnonzero([other == chain for other in chains])
             done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
             method[rows] = done.method
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
-        if self.improve and learned:
-            improved = self.improve(out, motion, replace(gaps, method=method).pick(np.array(learned)))
-            for row in np.array(learned)[improved].tolist():
-                method[row], reasons[row] = NETWORK, network_reason(kinds[row], float(gaps.length[row] / motion.fps))
+        for name, improve in self.improve.items():
+            rows = np.array([row for row, network in learned.items() if network == name], int)
+            improved = improve(out, motion, replace(gaps, method=method).pick(rows)) if len(rows) else rows
+            for row in rows[improved].tolist():
+                method[row], reasons[row] = name, network_reason(name, kinds[row], float(gaps.length[row] / motion.fps))
                 donors.pop(row, None)
         return replace(gaps, method=method, donors=donors, reasons=reasons)
 
@@ -182,17 +196,20 @@ class Auto(Fill):
         return fill
 
 
-def network_reason(kind: str, seconds: float) -> str:
-    return f"{KINDS[kind]}, {seconds:.2f} s: {NETWORK} won on validation"
+def network_reason(name: str, kind: str, seconds: float) -> str:
+    return f"{KINDS[kind]}, {seconds:.2f} s: {name} won on validation"
 
 
-def network_rows(gaps: Gaps, kinds: Sequence[str], observed: Array, fps: float, mapping: Mapping) -> list[int]:
-    """The gaps in NETWORK_WINS of joints that the network knows."""
+def network_rows(
+    gaps: Gaps, kinds: Sequence[str], observed: Array, fps: float, mapping: Mapping, there: Iterable[str]
+) -> dict[int, str]:
+    """The gaps, of joints that networks know, that are better left to one of those that are there: row to network."""
     known = [joint for joint in mapping.joints if joint >= 0]
     rows = np.flatnonzero(np.isin(gaps.joint, known) & ~gaps.is_edge & ~gaps.is_blank).tolist()
     hidden = np.cumsum(np.pad(~observed[:, known], ((1, 0), (0, 0))), axis=0)
     seen = (hidden[gaps.stop] == hidden[gaps.start]).sum(axis=1)
-    return [row for row in rows if network_wins(kinds[row], float(gaps.length[row] / fps), int(seen[row]))]
+    chosen = {row: network_for(kinds[row], float(gaps.length[row] / fps), int(seen[row]), there) for row in rows}
+    return {row: name for row, name in chosen.items() if name}
 
 
 def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> list[str]:

@@ -38,7 +38,8 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
     does = (
         "makes motions that go on from a first pose along whatever paths it is given"
         if facts["generative"]
-        else "fills what is missing in human motion capture and judges what is there"
+        else "fills what is missing in human motion capture"
+        + ("" if only_fills(facts) else " and judges what is there")
     )
     lines = [
         f"---\n{yaml}\n---",
@@ -55,7 +56,8 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
         "come back bit for bit.",
         "## Data",
         _bullets({label: budget.get(key) or "not told" for key, label in _TOLD.items()}),
-        "Who uses these weights is bound by the licence of the data.",
+        "Who uses these weights is bound by the licence of the data"
+        + (", which forbids **commercial use**." if "-NC" in licence else "."),
         "## Training",
         _training({key: value for key, value in budget.items() if key not in _ELSEWHERE}) or "Not told.",
         "Sizes and options of the network:",
@@ -69,6 +71,11 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
         "`config.json` with the skeleton, the training and the SHA-256 of each file.",
     ]
     return "\n\n".join(lines) + "\n"
+
+
+def only_fills(facts: Mapping[str, Any]) -> bool:
+    """Whether a network leaves what it is shown as it is, wherever that is."""
+    return facts["space"] == "poses_off_curves" or facts["config"].get("begin") == "curve"
 
 
 _USE_FILL = "fixed = completer.complete(take.motion)   # what is unobserved is filled\n"

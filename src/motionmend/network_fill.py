@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from . import checkpoints
-from .auto import NETWORK as NAME
-from .auto import Auto
+from .auto import NETWORK_WINS, Auto
 from .body import Mapping, map_rig
 from .constraints import meet_rig_seams, meet_seams
 from .errors import InputError
@@ -23,17 +22,17 @@ Array = np.ndarray
 
 
 @lru_cache(maxsize=1)
-def installed() -> NetworkFill | None:
-    """The fill by the installed network of this name; None where there is none."""
-    return NetworkFill(load_completer(NAME)) if NAME in checkpoints.names() else None
+def installed() -> dict[str, NetworkFill]:
+    """The fills by those of the networks of `auto.NETWORK_WINS` that are installed, by name."""
+    return {name: NetworkFill(load_completer(name)) for name in NETWORK_WINS if name in checkpoints.names()}
 
 
-def required() -> NetworkFill:
-    """`installed`, or an InputError that says how to get it."""
-    found = installed()
+def required(name: str) -> NetworkFill:
+    """That of this name among the `installed`, or an InputError that says how to get it."""
+    found = installed().get(name)
     if found is None:
         hint = f"put its checkpoint folder where ${checkpoints.PATH_VARIABLE} says, or use --method auto"
-        raise InputError(f"no network named {NAME!r} is installed", hint=hint)
+        raise InputError(f"no network named {name!r} is installed", hint=hint)
     return found
 
 
@@ -54,7 +53,7 @@ class NetworkFill(Fill):
 
     @property
     def name(self) -> str:
-        return NAME
+        return self.completer.name
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`. The whole motion is one question to the network, whichever gaps are asked for."""

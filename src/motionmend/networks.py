@@ -7,7 +7,7 @@ module in training. B = windows, T = frames of a window, J = the network's joint
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Run = Callable[[dict[str, Array]], Array]
+Restart = Callable[[Array, int], Array]
 
+MOST = 4_800  # frames given at once to a network that takes any number
 TOKENS = 8_192  # joints × frames given to a network at once: attention's memory grows with their number
 FEET = [joint for name, joint in JOINT.items() if name.endswith(("foot", "toe"))]
 
@@ -160,6 +162,7 @@ class NetworkCompleter:
         """Positions `(frames, J, 3)` at the motion's own times; observed ones are the network's too if `raw`."""
         ours, shift = self._at_its_rate(motion, joints)
         length, overlap, batch = self.frames, self.frames // 4, max(1, TOKENS // (self.frames * len(joints)))
+        most = MOST if self.description.any_length else 0
         # Windows are laid by the joints that the rig has: one that it lacks is missing in every frame.
         there = np.flatnonzero(joints >= 0)
 
@@ -171,9 +174,10 @@ class NetworkCompleter:
 
         values = ours.positions.copy()
         values[:, there] = windows.complete(
-            of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch
+            of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch, most=most
         )
         if raw:
+            length = max(1, min(most, len(ours))) if most else length
             first = windows.starts(len(ours), length, overlap)
             cut = [windows.cut(each, first, length) for each in (ours.positions, ours.observed)]
             rewritten = windows.stitch(self.windows(*cut), first, len(ours), overlap)
@@ -251,8 +255,8 @@ class GenerativeCompleter(NetworkCompleter):
     def sample(self, motion: Motion, n: int, seed: int, mapping: Mapping | None = None) -> list[Motion]:
         """`n` ways in which a take may go on from its first frame, along whatever is observed after it.
 
-        Observed samples come back bit for bit in all of them. A take longer than a window goes on from the last pose
-        of the window before. The same seed gives the same bits.
+        Observed samples come back bit for bit in all of them. A take longer than a window goes on from a pose near the
+        end of the window before, see `starts`. The same seed gives the same bits.
 
         Raises
         ------
@@ -268,6 +272,21 @@ class GenerativeCompleter(NetworkCompleter):
         ways = self._continuations(motion, joints, n, np.random.default_rng(seed), raw=False)
         return [placed(motion, joints, values, hidden) for values in ways]
 
+    def go_on(
+        self, motion: Motion, seed: int | Sequence[int], spread: float = 1.0, restart: Restart | None = None
+    ) -> Array:
+        """The network's own word on every sample after the first frame, `(frames, J, 3)` metres.
+
+        Parameters
+        ----------
+        motion : of the network's joints at its rate, the first frame whole.
+        spread : scales the noise; 0 gives the most typical answer.
+        restart : makes of the pose `(J, 3)` in which a window is to begin, and its frame, one that bones and paths
+            allow; what the network gets wrong would add up over many windows.
+        """
+        rng = np.random.default_rng(seed) if spread else None
+        return self._continuations(motion, np.arange(len(self.skeleton)), 1, rng, True, spread, restart)[0]
+
     def _answer(self, motion: Motion, joints: Array, raw: bool) -> Array:
         values = np.full((len(motion), len(joints), 3), np.nan, np.float32)
         whole = motion.observed[:, joints].all(axis=1) & (joints >= 0).all()
@@ -277,20 +296,44 @@ class GenerativeCompleter(NetworkCompleter):
             values[first:] = self._continuations(rest, joints, 1, None, raw)[0]
         return values
 
+    def starts(self, frames: int) -> range:
+        """First frames of the windows of a take of `frames` at the network's rate.
+
+        Each begins at a pose of the one before, a quarter of a window from its end, and replaces it from there on
+        little by little: neither position nor velocity jumps.
+        """
+        return range(0, max(1, frames - 1 - self.frames // 4), self.frames - 1 - self.frames // 4)
+
     def _continuations(
-        self, motion: Motion, joints: Array, n: int, rng: np.random.Generator | None, raw: bool
+        self,
+        motion: Motion,
+        joints: Array,
+        n: int,
+        rng: np.random.Generator | None,
+        raw: bool,
+        spread: float = 1.0,
+        restart: Restart | None = None,
     ) -> Array:
         """`(n, frames, J, 3)` at the motion's own times from its first pose, which must be whole."""
         ours, shift = self._at_its_rate(motion, joints)
         out = np.tile(ours.positions, (n, 1, 1, 1))
-        for start in range(0, max(1, len(ours) - 1), self.frames - 1):
+        overlap = self.frames // 4
+        u = np.minimum(np.arange(self.frames, dtype=np.float32) / max(1, overlap), 1)[:, None, None]
+        for start in self.starts(len(ours)):
             part = slice(start, start + self.frames)
             short = self.frames - len(ours.positions[part])
-            positions = np.pad(out[:, part], ((0, 0), (0, short), (0, 0), (0, 0)))
+            before = np.pad(out[:, part], ((0, 0), (0, short), (0, 0), (0, 0)))
             observed = np.tile(np.pad(ours.observed[part], ((0, short), (0, 0))), (n, 1, 1))
-            observed[:, 0] = True  # the pose that the window before ended with
-            answer = self._in_batches(positions, observed, {"noise": self._noise(rng, n)})
+            # A raw answer stands in for what was given; the next window is to be given the same all the same.
+            given = np.pad(ours.positions[part], ((0, short), (0, 0), (0, 0)))
+            positions = np.where(observed[..., None], given, before)
+            positions[:, 0], observed[:, 0] = before[:, 0], True  # a pose of the window before
+            if start and restart:
+                positions[:, 0] = [restart(pose + shift, start) - shift for pose in before[:, 0]]
+            answer = self._in_batches(positions, observed, {"noise": self._noise(rng, n) * np.float32(spread)})
             values = answer if raw else np.where(observed[..., None], positions, answer)
+            if start:
+                values = np.where(u < 1, before + u**2 * (3 - 2 * u) * (values - before), values)
             out[:, part] = values[:, : self.frames - short]
         return np.stack([self._at_its_own(each, motion, shift) for each in out])
 

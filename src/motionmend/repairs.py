@@ -75,15 +75,15 @@ def repair(
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     findings, whole, wrong = (), take, asked | ~take.trusted
     only_asked = asked.any() and not find
-    swapped, calibration = np.zeros((2, *asked.shape), bool)
+    undone, calibration = np.zeros((2, *asked.shape), bool)
     if find or (find is None and not only_asked):
         stage("looking for damage")
         found = diagnosis.diagnose(take)
         findings = found.findings
         for finding in findings:
-            if finding.cause == "swap" and finding.certainty >= diagnosis.CERTAIN:
-                whole = diagnosis.unswap(whole, finding)
-                swapped[finding.start : finding.stop, list(finding.indices)] = True
+            if finding.is_undone:
+                whole = diagnosis.undone(whole, finding)
+                undone[finding.start : finding.stop, list(finding.indices)] = True
             elif finding.cause == "t-pose":
                 calibration[finding.start : finding.stop] = True
         wrong = wrong | found.untrusted
@@ -110,7 +110,7 @@ def repair(
     if plant_feet and changed.any():
         stage("planting feet")
         filled, _ = feet.plant_feet(filled, changed, legs)
-    mended = changed | swapped
+    mended = changed | undone
     checked, denoised = {}, None
     if mended.any():
         stage("checking")
@@ -128,7 +128,7 @@ def repair(
         samples=int(take.trusted.size),
         repaired=int(mended.sum()),
         findings=[diagnosis.told(finding) for finding in findings],
-        fills=_exchanged(take, findings) + _rows(damaged, done, changed, method),
+        fills=_undone(take, findings) + _rows(damaged, done, changed, method),
         left=_rows(damaged, done, wrong & ~mended & ~too_long & ~not_named, method)
         + _rows(damaged, done, too_long & ~not_named, method, f"longer than {max_gap}")
         + _rows(damaged, done, not_named, method, "missing, but not named"),
@@ -151,8 +151,7 @@ def fill(
     legs : joints of whole legs (`feet.legs`), to be aimed at their joints' paths where one was lost alone.
     mapping : for the network, which joint is which.
     """
-    if method not in ("auto", network_fill.NAME, *FILLS):
-        names = ["auto", network_fill.NAME, *FILLS]
+    if method not in (names := ["auto", *auto.NETWORK_WINS, *FILLS]):
         raise InputError(f"no method is named {method!r}", hint=nearest_names(method, names))
     for name in donors:
         take.skeleton.index(name)
@@ -164,44 +163,45 @@ def fill(
     if donors:
         found = "donors were named for a take of channels, whose joints follow their parents"
         raise InputError(found, where=take.source, hint="leave --donors out")
-    if method == network_fill.NAME:
-        network_fill.required()
-    chosen = auto.rig_methods if method in ("auto", network_fill.NAME) else method
+    if method in auto.NETWORK_WINS:
+        network_fill.required(method)
+    chosen = auto.rig_methods if method not in FILLS else method
     rig, gaps = fill_rig(take.rig, take.fps, chosen)
     filled = _feet_on_their_paths(take, take.with_rig(rig), method, legs)
     return _by_network(take, filled, gaps, method, mapping)
 
 
 def _completer(method: str, donors: Sequence[str], mapping: Mapping) -> Fill:
-    if method == network_fill.NAME:
-        return replace(network_fill.required(), mapping=mapping, base=auto.Auto(tuple(donors), mapping))
+    if method in auto.NETWORK_WINS:
+        return replace(network_fill.required(method), mapping=mapping, base=auto.Auto(tuple(donors), mapping))
     if method == "auto":
-        network = network_fill.installed()
-        return auto.Auto(tuple(donors), mapping, replace(network, mapping=mapping).improve if network else None)
+        networks = network_fill.installed()
+        improve = {name: replace(network, mapping=mapping).improve for name, network in networks.items()}
+        return auto.Auto(tuple(donors), mapping, improve)
     chosen = FILLS[method]
     return replace(chosen, donors=tuple(donors)) if isinstance(chosen, DonorFill) else chosen
 
 
 def _by_network(take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapping) -> tuple[Take, Gaps]:
     """A take of channels with those gaps by the network that were asked of it, or that are better left to it."""
-    network = network_fill.installed() if method in ("auto", network_fill.NAME) and mapping.is_person else None
-    if network is None or take.rig is None:
+    networks = network_fill.installed() if method not in FILLS and mapping.is_person else {}
+    if not networks or take.rig is None:
         return filled, gaps
-    kinds, rows = auto.rig_kinds(take.rig, gaps), np.arange(len(gaps))
+    kinds, chosen = auto.rig_kinds(take.rig, gaps), dict.fromkeys(range(len(gaps)), method)
     if method == "auto":
-        rows = np.array(auto.network_rows(gaps, kinds, take.trusted, take.fps, mapping), int)
-    if not len(rows):
-        return filled, gaps
-    wanted = covered(gaps.pick(rows), take.trusted.shape)
-    filled, decided = replace(network, mapping=mapping).fill_take(take, filled, wanted)
+        chosen = auto.network_rows(gaps, kinds, take.trusted, take.fps, mapping, networks)
     method_of, reasons = gaps.method.copy(), dict(gaps.reasons)
-    for row in rows.tolist():
-        if decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all():
-            method_of[row] = network.name
-            if method == "auto":
-                reasons[row] = auto.network_reason(kinds[row], float(gaps.length[row] / take.fps))
-        elif method == network.name:
-            reasons[row] = "no joint that the network knows hangs on it"
+    for name in dict.fromkeys(chosen.values()):
+        rows = [row for row, other in chosen.items() if other == name]
+        wanted = covered(gaps.pick(np.array(rows)), take.trusted.shape)
+        filled, decided = replace(networks[name], mapping=mapping).fill_take(take, filled, wanted)
+        for row in rows:
+            if decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all():
+                method_of[row] = name
+                if method == "auto":
+                    reasons[row] = auto.network_reason(name, kinds[row], float(gaps.length[row] / take.fps))
+            elif method == name:
+                reasons[row] = "no joint that the network knows hangs on it"
     return filled, replace(gaps, method=method_of, reasons=reasons)
 
 
@@ -292,16 +292,18 @@ def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
         return f"nothing is known {side} it{how}"
     if asked == "auto":
         return gaps.reasons.get(row, kind)
-    if asked == network_fill.NAME:
+    if asked in auto.NETWORK_WINS:
         return gaps.reasons.get(row, "as asked")
     return "as asked" if method == asked else f"no donors for {asked}"
 
 
-def _exchanged(take: Take, findings: Iterable[diagnosis.Finding]) -> list[Filled]:
-    """The report's lines of swaps that were undone."""
-    why = "left and right exchanged back, nothing interpolated"
-    return [
-        Filled(swap.joints, swap.start, swap.stop, (swap.stop - swap.start) / take.fps, "swap", why)
-        for swap in findings
-        if swap.cause == "swap" and swap.certainty >= diagnosis.CERTAIN
-    ]
+def _undone(take: Take, findings: Iterable[diagnosis.Finding]) -> list[Filled]:
+    """The report's lines of swaps and offsets that were undone."""
+    whys = {"swap": "left and right exchanged back", "shift": "moved back to where all bones fit"}
+    rows = []
+    for found in findings:
+        if found.is_undone:
+            method, seconds = "shift" if found.shift else "swap", (found.stop - found.start) / take.fps
+            why = f"{whys[method]}, nothing interpolated"
+            rows.append(Filled(found.joints, found.start, found.stop, seconds, method, why))
+    return rows

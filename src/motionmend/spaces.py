@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from . import rows
 from .body import BODY, JOINT, LEFT_RIGHT
 from .curves import along_bones
 
@@ -186,7 +187,40 @@ class FirstPelvis:
         return np.concatenate([np.where(seen[..., None], first, begin), rest], axis=1, dtype=np.float32)
 
 
-_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, FirstPelvis)
+class BodyRows:
+    """Poses seen from where the body stands and faces, and how it travels: `motionmend.rows` (Kaufmann et al. 2020).
+
+    Inputs: `rows (B, T, ROWS)`, where they are not known those of a curve: the joints carried as `curves.along_bones`
+    does, as differences from STANDING, and the root's path as `rows.path_of` has it; `known (B, T, ROWS / 3)`, whether
+    a joint is observed, and for the travel whether anything was in this frame and the one before; and `leeway`, of
+    `known`'s shape, from 0 where a row is known to 1 some frames away from there. Output: rows. Where anything of a
+    frame is observed the body stands and faces as it did there, elsewhere it goes as its travel leads
+    (`rows.travelled`).
+    """
+
+    name = "body_rows"
+
+    def encode(self, positions: Array, observed: Array) -> tuple[dict[str, Array], tuple[Array, Array, Array]]:
+        root, heading = rows.path_of(positions, observed)
+        standing = STANDING + UPRIGHT
+        poses = np.where(observed[..., None], rows.seen_from(positions, root, heading) - standing, 0)
+        poses = along_bones(poses.astype(np.float32), observed, BODY.parents)[0] + standing
+        there = np.asarray(observed.any(axis=2))
+        onward = there & np.roll(there, 1, axis=1)
+        onward[:, :1] = onward[:, 1:2] if there.shape[1] > 1 else there
+        known = np.concatenate([there[..., None], observed, onward[..., None]], axis=2)
+        leeway = (np.minimum(np.minimum(*away(known)) / LEEWAY, 1) ** 2).astype(np.float32)
+        return {"rows": _as_rows(poses, rows.travel_of(root, heading)), "known": known, "leeway": leeway}, (
+            root, heading, there
+        )  # fmt: skip
+
+    def decode(self, output: Array, known: tuple[Array, Array, Array]) -> Array:
+        poses = output[..., 3:-3].reshape(*output.shape[:2], -1, 3)
+        root, heading = rows.travelled(output[..., -3:], *known)
+        return rows.in_world(poses, root, heading).astype(np.float32)
+
+
+_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, FirstPelvis, BodyRows)
 SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
 
 
@@ -250,6 +284,12 @@ def mirrored(
 
 def _centred(positions: Array, observed: Array, origin: Array) -> Array:
     return (np.where(observed[..., None], positions, origin) - origin).astype(np.float32)
+
+
+def _as_rows(poses: Array, travel: Array) -> Array:
+    """Rows `(B, T, ROWS)` float32 of poses `(B, T, J, 3)` and travel `(B, T, 3)`."""
+    root = np.zeros_like(travel)
+    return np.concatenate([root, poses.reshape(*travel.shape[:2], -1), travel], axis=2, dtype=np.float32)
 
 
 def _mean(positions: Array, observed: Array, axes: tuple[int, ...]) -> Array:

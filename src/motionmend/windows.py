@@ -133,7 +133,9 @@ def _blend(windows: Array, starts: Array, begins: Array, shares: Sequence[Array]
     return out
 
 
-def complete(predict: Predict, positions: Array, observed: Array, length: int, *, overlap: int, batch: int) -> Array:
+def complete(
+    predict: Predict, positions: Array, observed: Array, length: int, *, overlap: int, batch: int, most: int = 0
+) -> Array:
     """A take of any length, its unobserved samples predicted by a network that knows windows of `length` frames.
 
     Windows lie where something is missing. They are cut where nothing is, or else where as little as possible is, so
@@ -149,6 +151,8 @@ def complete(predict: Predict, positions: Array, observed: Array, length: int, *
     positions, observed : `(frames, J, 3)` float32 and `(frames, J)` bool, at the network's rate.
     overlap : at most a quarter of `length`.
     batch : windows that are predicted at once.
+    most : frames that `predict` also takes in one piece, where it takes any number; `length` if 0. Gaps that are too
+        long for `length` are crossed at a lower rate all the same: that is what the network knows.
 
     Returns
     -------
@@ -159,6 +163,7 @@ def complete(predict: Predict, positions: Array, observed: Array, length: int, *
     if observed.all():
         return positions.copy()
     guide, known = _guided(predict, positions, observed, length, overlap, batch)
+    length = max(1, min(most, len(observed))) if most else length
     first, begins, shares = _plan(~observed, length, overlap)
     windows = np.empty((len(first), length, *positions.shape[1:]), np.float32)
     for some in range(0, len(first), batch):

@@ -3,8 +3,8 @@
 What the paper's "root overwritten" means, read in the authors' code. Their networks give poses in body-local space:
 relative to the root on the floor, seen along the heading, and that root path and heading are replaced by the true ones
 before poses are compared in the world. What is left is the distance between body-local poses, and the same can be had
-of any method that gives world positions: `body_local` takes from each motion, the true one and the guessed one, its
-own root path and heading. This is the metric BODY_LOCAL, and compares with the paper's rows of networks.
+of any method that gives world positions: `rows.body_local` takes from each motion, the true one and the guessed one,
+its own root path and heading. This is the metric BODY_LOCAL, and compares with the paper's rows of networks.
 The paper's row "Linear Interpolation" is not computed so: it interpolates world positions and compares them in the
 world, with the root's own error in them. This is the metric WORLD; the paper's row is that of `linear`.
 Both are means over the joints but the root on the floor (21 there, BODY's 21 here), with the standard deviation over
@@ -23,11 +23,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import damage, metrics
-from ..body import BODY, JOINT, facing
+from ..body import BODY, JOINT
 from ..corpus import Corpus
-from ..motion import Motion
 from ..progress import Stage, silent
-from ..rotations import normalised
+from ..rows import body_local
 from . import quality
 from .figures import box_figure, stem
 from .methods import Method
@@ -58,7 +57,6 @@ BONES = {  # figure 5: the bone that ends in
 }  # fmt: skip
 PERCENTILES = (5, 25, 50, 75, 95)
 BONE_TASKS = {"0 frames": "bone lengths, whole window", "120 frames": "bone lengths, gap of 120 frames"}  # of infilling
-ROOT_SIGMA, HEADING_SIGMA = 3.0, 20.0  # frames, of the Gaussians that smooth root path and heading (authors' code)
 BATCH = 64
 CLASSICAL = {"fill": "hermite"}
 EVERYONE = range(len(BODY))
@@ -228,26 +226,6 @@ class Tally:
         for bone, parts in self.lengths.items():
             for share, value in zip(PERCENTILES, np.percentile(np.concatenate(parts), PERCENTILES)):
                 yield Cell(task, f"{share}th percentile", method, bone, float(value), None, "%")
-
-
-def body_local(positions: Array) -> Array:
-    """Poses relative to the root on the floor and seen along the heading, facing +z: float64 `(B, T, J, 3)`.
-
-    positions : `(B, T, J, 3)` metres of BODY's joints. The root is where the hips stand on the floor, smoothed over
-    time by a Gaussian of 3 frames; the heading is `body.facing`, smoothed by one of 20 frames (the paper's section
-    3.1, the authors' code). NaN for a joint that is NaN, and for all where no heading is known.
-    """
-    from scipy.ndimage import gaussian_filter1d
-
-    known = np.asarray(np.isfinite(positions).all(axis=-1))
-    flat = positions.reshape(-1, *positions.shape[2:])
-    forward = facing(Motion(flat, known.reshape(flat.shape[:2]), PROTOCOL.fps, BODY)).reshape(*positions.shape[:2], 3)
-    forward = gaussian_filter1d(np.nan_to_num(forward.astype(float)), HEADING_SIGMA, axis=1, mode="nearest")
-    forward = np.where(forward.any(axis=-1, keepdims=True), normalised(forward), np.nan)[:, :, None]
-    root = gaussian_filter1d(positions[:, :, 0].astype(float), ROOT_SIGMA, axis=1, mode="nearest")[:, :, None]
-    x, z = (positions[..., axis] - root[..., axis] for axis in (0, 2))
-    forward_x, forward_z = forward[..., 0], forward[..., 2]
-    return np.stack([x * forward_z - z * forward_x, positions[..., 1], x * forward_x + z * forward_z], axis=-1)
 
 
 def figures(cells: Sequence[Cell]) -> dict[str, Figure]:

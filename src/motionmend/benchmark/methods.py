@@ -125,9 +125,9 @@ def _auto() -> Method:
     from ..auto import Auto
     from ..network_fill import installed
 
-    network = installed()
-    about = _ABOUT["auto"] + (f"; {network.name} added where it won there" if network else "")
-    return Method("auto", _body_fill(Auto(improve=network.improve if network else None)), about=about)
+    improve = {name: network.improve for name, network in installed().items()}
+    about = _ABOUT["auto"] + (f"; {' and '.join(improve)} added where they won there" if improve else "")
+    return Method("auto", _body_fill(Auto(improve=improve)), about=about)
 
 
 def _body_fill(completer: Any) -> Windows:

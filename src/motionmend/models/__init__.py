@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 # name -> "module:Class"; a module that begins with a dot is in this package.
 NETWORKS: dict[str, str] = {
     "xmae": ".xmae:XMAE",
+    "convae": ".convae:ConvAE",
+    "holden": ".holden:Holden",
+    "trajevae": ".trajevae:TrajeVAE",
+    "cvae-rnn": ".cvae_rnn:CVAERNN",
 }
 
 

@@ -49,6 +49,12 @@ class Network(nn.Module):
         self.config = config
         self.joints = joints
 
+    def measure(self, positions: Array, observed: Array) -> None:
+        """Take from windows `(B, T, J, 3)`, `(B, T, J)` of the training takes what it must know of all of them.
+
+        Called once, before training; what it finds goes into buffers. Most networks need nothing.
+        """
+
     def batch(self, positions: Array, observed: Array, rng: np.random.Generator, step: int) -> dict[str, Array]:
         """Augment and corrupt windows into what `loss` takes. NumPy only, no loop over samples.
 

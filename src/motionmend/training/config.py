@@ -19,6 +19,8 @@ class Settings:
     """The network: a registered name, or package.module:Class for one of your own."""
     corpus: tuple[str, ...] = ()
     """Corpora to train on; samples are drawn from each in proportion to its hours."""
+    start: str = ""
+    """A checkpoint, by name or path, whose weights training begins with; chance if empty."""
     steps: int = 10_000
     """Training steps in all."""
     batch: int = 128

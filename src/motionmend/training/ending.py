@@ -30,13 +30,21 @@ def budget(
     def words(each: Sequence[str]) -> str:
         return "; ".join(dict.fromkeys(each))
 
-    return {
+    return ({"began with": began(settings.start)} if settings.start else {}) | {
         "steps": steps, "steps of the run": settings.steps, "batch": settings.batch, "seconds": round(seconds),
         "machine": machine(accelerator.device), "processes": accelerator.num_processes,
         "threads": torch.get_num_threads(), "precision": settings.precision, "seed": settings.seed, "commit": commit(),
         "corpus": ", ".join(each.name for each in corpora), "data sha256": ", ".join(each.sha256 for each in corpora),
         "licence": words([each.licence for each in corpora]), "credit": words([each.credit for each in corpora]),
     }  # fmt: skip
+
+
+def began(start: str) -> str:
+    """The weights that training began with, in words."""
+    from ..checkpoints import load
+
+    checkpoint = load(start)
+    return f"{checkpoint.name}: {checkpoint.summary}"
 
 
 def exported(

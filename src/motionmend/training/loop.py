@@ -90,6 +90,8 @@ def train(
     device = accelerator.device
     torch.manual_seed(settings.seed)
     network = kind(settings.network, len(corpora[0].skeleton)).to(device)
+    if not (resume and (folder / "last.safetensors").is_file()):
+        runs.begin(network, settings, corpora)
     batches = Batches(network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed)
     for corpus in corpora:
         judge(network, corpus)  # an unknown protocol is an error before a folder is made

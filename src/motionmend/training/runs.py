@@ -7,18 +7,25 @@ import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from accelerate import Accelerator
 from accelerate.utils import broadcast_object_list
 
+from ..benchmark.results import evenly
+from ..checkpoints import load_network
 from ..corpus import Corpus
 from ..errors import InputError
 from ..models import network_class
+from ..models.network import Network
 from . import config, state
 from .config import Settings
+
+MEASURED = 512  # windows by which a network learns how its data are spread
 
 
 def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus], device: torch.device) -> Settings:
@@ -50,6 +57,27 @@ def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus
     except OSError as error:
         raise InputError(f"the run's folder cannot be written: {error.strerror}", where=folder) from None
     return settings
+
+
+def begin(network: Network, settings: Settings, corpora: list[Corpus]) -> None:
+    """Give a new network what it must know of the training takes, or all the weights of the checkpoint to start with.
+
+    InputError where there is no such checkpoint, or its weights are those of another shape.
+    """
+    if not settings.start:
+        drawn = [corpus.starts("train", network.frames, 1, pad=True) for corpus in corpora]
+        share = max(1, MEASURED // len(corpora))
+        windows = [corpus.windows(evenly(starts, share), network.frames) for corpus, starts in zip(corpora, drawn)]
+        network.measure(*(np.concatenate(each) for each in zip(*windows)))
+        return
+    found = load_network(settings.start)
+    try:
+        network.load_state_dict(found.state_dict())
+    except RuntimeError:
+        was = [f"{name} {value}" for name, value in asdict(found.config).items()
+               if value != getattr(network.config, name, None)]  # fmt: skip
+        raise InputError(f"these are not weights of this {network.name}", where=settings.start,
+                         hint=f"it was made with {', '.join(was)}" if was else "") from None  # fmt: skip
 
 
 def in_use(folder: Path) -> bool:
