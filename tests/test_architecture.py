@@ -18,15 +18,19 @@ FLOORS = {
     "__init__": 9, "errors": 0, "motion": 0, "rotations": 0,
     "body": 0, "body_names": 0, "body_shape": 0, "metrics": 0, "metrics_sampling": 0, "metrics_rotation": 0,
     "io": 1, "damage": 1, "planting": 1, "diagnosis": 1, "symptoms": 1, "swaps": 1, "compensation": 1,
+    "links": 1, "offsets": 1, "disagreement": 1, "prediction": 1,
     "ranges": 1, "report": 1, "progress": 1,
     "gaps": 1, "curves": 1, "donors": 1, "fills": 1, "rigfills": 1, "auto": 1,
     "aiming": 2, "constraints": 2, "feet": 2, "fitting": 2,
-    "corpus": 2, "corpus_writer": 2, "footing": 2, "windows": 2, "spaces": 2, "checkpoints": 2, "networks": 2,
-    "denoise": 2,
+    "corpus": 2, "corpus_writer": 2, "footing": 2, "windows": 2, "rows": 2, "spaces": 2, "checkpoints": 2,
+    "networks": 2, "denoise": 2,
     "models": 2,
     "datasets": 3, "corpora": 3, "poses": 3, "benchmark": 3, "export": 3, "fused_attention": 2, "card": 3,
     "training": 4, "network_fill": 2, "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,
-    "demo": 4, "cli_options": 5, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5, "cli": 5, "__main__": 6,
+    "composing": 3, "transfer": 3, "blending": 3, "chaining": 3,
+    "trajectories": 3, "puppet": 3, "control": 3, "animation": 3, "animation_report": 3, "cli_animate": 5,
+    "demo": 4, "cli_options": 5, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5,
+    "cli_compose": 5, "cli": 5, "__main__": 6,
 }  # fmt: skip
 HEAVY = ("torch", "scipy", "matplotlib", "ezc3d", "pygltflib", "rich.progress")
 

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .animation import animate as animate
+    from .blending import blend as blend
+    from .chaining import chain as chain
     from .comparison import compare as compare
     from .diagnosis import diagnose as diagnose
     from .errors import InputError as InputError
@@ -38,6 +41,9 @@ _HOME = {
     "Rig": "motion",
     "Skeleton": "motion",
     "Take": "motion",
+    "animate": "animation",
+    "blend": "blending",
+    "chain": "chaining",
     "compare": "comparison",
     "diagnose": "diagnosis",
     "fit": "fitting",

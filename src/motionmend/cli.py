@@ -75,7 +75,9 @@ class Repair(Reading):
     """Joints or markers, named as in the file, and frames: LeftForeArm,LeftHand:300:360. Repeatable."""
     find: bool = False
     """Repair what diagnosis finds, besides what --gap and --lost name."""
-    method: Literal["auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae"] = "auto"
+    method: Literal[
+        "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae", "convae"
+    ] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     donors: tuple[str, ...] = ()
     """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""
@@ -259,6 +261,9 @@ COMMANDS = {
 
 # Verbs with a file of their own, imported when they are asked for: module, and what the list of commands says.
 ELSEWHERE = {
+    "animate": ("cli_animate", "Animate a pose along the paths of some joints."),
+    "blend": ("cli_compose", "Put the motion of some joints from another take into this one."),
+    "chain": ("cli_compose", "Make one motion of several clips, the gaps between them filled."),
     "data": ("cli_data", "Build corpora from raw takes, and show what is in them."),
     "benchmark": ("cli_benchmark", "Measure methods by the papers' protocols."),
     "train": ("cli_train", "Train a network on corpora."),

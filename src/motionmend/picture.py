@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from .body import BODY, JOINT, map_rig, to_body
 from .motion import Array, Motion, Take, runs
 
 KNOWN, REPAIRED, BROKEN, TRUTH = "#4a5568", "#e4572e", "#9aa5b1", "#2a9d8f"
 
 
-def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None) -> None:
+def draw_repair(
+    before: Take, after: Take, path: Path, truth: Take | None = None, other: Take | None = None
+) -> None:
     """Write a PNG of the stretch in which most was repaired, with some context on both sides.
 
     Parameters
     ----------
     before, after : the damaged and the repaired take.
-    truth : the undamaged take, where it is known (a demonstration): drawn as a thin line.
+    truth : the undamaged take, where it is known (a demonstration): drawn as a broad line.
+    other : the same damage, repaired by a spline: drawn below, and dashed; the truth then stands behind all poses.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -29,46 +34,118 @@ def draw_repair(before: Take, after: Take, path: Path, truth: Take | None = None
     start, stop = max(runs(np.asarray(filled.any(axis=1))), key=lambda run: moved[run[0] : run[1]].sum())
     margin = max(stop - start, int(0.3 * after.fps))
     first, last = max(start - margin, 0), min(stop + margin, len(after))
-    figure = Figure(figsize=(13, 8.6), layout="constrained", facecolor="white")
+    shown = [(before, BROKEN, "as it came"), (after, REPAIRED, "repaired")]
+    shown += [(other, BROKEN, "by a spline")] if other else []
+    figure = Figure(figsize=(13, 2.6 + 3 * len(shown)), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    rows = figure.subplots(4, 1, height_ratios=[3, 3, 1.4, 1.4])
+    rows = figure.subplots(len(shown) + 2, 1, height_ratios=[3] * len(shown) + [1.4, 1.4])
     frames = np.unique(np.linspace(first, last - 1, 11).round().astype(int))
-    _poses(rows[0], before.motion, frames, filled, BROKEN, "as it came")
-    _poses(rows[1], after.motion, frames, filled, REPAIRED, "repaired")
+    for axes, (take, colour, title) in zip(rows, shown):
+        _poses(axes, take.motion, frames, filled, colour, title, truth.motion if truth and other else None)
 
     moving = _most_moving(after.motion, filled, first, last)
-    for axes, joint in zip(rows[2:], moving):
+    for axes, joint in zip(rows[-2:], moving):
         time = np.arange(first, last) / after.fps
         for take, colour, width, label in (
             (truth, TRUTH, 5, "truth"),
             (before, BROKEN, 1.5, "as it came"),
+            (other, BROKEN, 1.6, "by a spline"),
             (after, REPAIRED, 2, "repaired"),
         ):
             if take is not None:
                 height = take.motion.positions[first:last, joint, 1] * 100
-                axes.plot(time, height, color=colour, lw=width, label=label, alpha=0.45 if width == 5 else 1)
+                style = "--" if take is other else "-"
+                axes.plot(time, height, style, color=colour, lw=width, label=label, alpha=0.45 if width == 5 else 1)
         for begin, end in runs(filled[first:last, joint]):
             axes.axvspan((first + begin) / after.fps, (first + end - 1) / after.fps, color=REPAIRED, alpha=0.08, lw=0)
         axes.set_ylabel(f"{after.skeleton.names[joint]}\nheight (cm)")
         axes.margins(x=0)
         axes.spines[["top", "right"]].set_visible(False)
-    rows[2].legend(loc="upper right", frameon=False, ncols=3)
-    rows[3].set_xlabel("time (s)")
+    rows[-2].legend(loc="upper right", frameon=False, ncols=4)
+    rows[-1].set_xlabel("time (s)")
     figure.suptitle(
         f"{Path(after.source).name}: frames {start}:{stop} ({(stop - start) / after.fps:.2f} s) repaired", fontsize=14
     )
     figure.savefig(path, dpi=110)
 
 
-def _poses(axes, motion: Motion, frames: Array, filled: Array, colour: str, title: str) -> None:
-    """Stick figures side by side in time, seen a little from the side; changed joints in colour."""
+def draw_filled(motion: Motion, filled: Array, path: Path, title: str, *, rows: int = 4, across: int = 16) -> None:
+    """Write a PNG of poses evenly through a motion, row after row: known joints grey, those that are `filled` orange.
+
+    filled : `(frames, joints)` bool. rows, across : how many poses below and beside one another.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 2.1 * rows + 0.5), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    lines = figure.subplots(rows, 1, squeeze=False)[:, 0]
+    frames = np.linspace(0, len(motion) - 1, rows * across).round().astype(int)
+    for axes, some in zip(lines, np.split(frames, rows)):
+        seconds = [f"{frame / motion.fps:.1f} s" for frame in some[[0, -1]]]
+        _poses(axes, motion, np.unique(some), filled, REPAIRED, " to ".join(seconds))
+    figure.suptitle(title, fontsize=14)
+    figure.savefig(path, dpi=110)
+
+
+def draw_animation(takes: Sequence[Take], path: Path) -> None:
+    """Write a PNG of variants of one animation over each other, at six instants from the pose on.
+
+    takes : with the reports that `animation.animate` gives them. The paths of joints that were given one are drawn
+        from half a second before to half a second after each instant, as the first variant has them.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    bodies = [to_body(each.motion, map_rig(each.skeleton, each.motion.positions)) for each in takes]
+    places = np.stack([body.positions for body in bodies]).astype(float)
+    led = [JOINT[control.part] for control in takes[0].report.variants[0].control]
+    frames = np.unique(np.linspace(0, places.shape[1] - 1, 6).round().astype(int))
+    figure = Figure(figsize=(13, 4), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    angle = np.radians(25)
+    view = np.stack([places @ [np.cos(angle), 0, np.sin(angle)], places[..., 1]], axis=-1)
+    middles = np.nanmean(view[:, :, JOINT["hips"], 0], axis=0)
+    spacing = 1.1 * max(np.nanmax(np.ptp(view[:, frame, :, 0])) for frame in frames)
+    half = round(takes[0].fps / 2)
+    for column, frame in enumerate(frames):
+        shift = np.array([column * spacing - middles[frame], 0])
+        for points in view[:, frame] + shift:
+            for joint, parent in enumerate(BODY.parents):
+                if parent >= 0:
+                    colour = KNOWN if frame == 0 else REPAIRED
+                    alpha = 1 if frame == 0 else max(0.2, 1 / len(takes))
+                    axes.plot(*points[[joint, parent]].T, color=colour, lw=2, alpha=alpha, solid_capstyle="round")
+        for joint in led:
+            near = view[0, max(0, frame - half) : frame + half, joint] + shift
+            axes.plot(*near.T, color=TRUTH, lw=2.4)
+            axes.scatter(*(view[0, frame, joint] + shift), s=26, color=TRUTH, zorder=3)
+        axes.annotate(f"{frame / takes[0].fps:.1f} s", (column * spacing, np.nanmin(view[..., 1])), (0, -14),
+                      textcoords="offset points", ha="center", fontsize=8, color=KNOWN)  # fmt: skip
+    axes.set_aspect("equal")
+    axes.axis("off")
+    given = f", along {len(led)} given path{'s' * (len(led) > 1)}" if led else ""
+    count = f"{len(takes)} animations" if len(takes) > 1 else "an animation"
+    figure.suptitle(f"{Path(takes[0].source).name}: {count} of one pose{given}", fontsize=13)
+    figure.savefig(path, dpi=110)
+
+
+def _poses(
+    axes, motion: Motion, frames: Array, filled: Array, colour: str, title: str, truth: Motion | None = None
+) -> None:
+    """Stick figures side by side in time, seen a little from the side; changed joints in colour, the truth behind."""
     view = _view(motion.positions[frames])
+    behind = _view(truth.positions[frames], motion.positions[frames]) if truth else None
     spacing = 1.05 * max(np.nanmax(np.ptp(view[..., 0], axis=1)), 0.35 * np.nanmax(np.ptp(view[..., 1], axis=1)))
     bones = [(joint, parent) for joint, parent in enumerate(motion.skeleton.parents) if parent >= 0]
     for place, frame in enumerate(frames):
         points = view[place] + [place * spacing, 0]
         for joint, parent in bones:
             changed = filled[frame, joint] or filled[frame, parent]
+            if changed and behind is not None:
+                true = behind[place] + [place * spacing, 0]
+                axes.plot(*true[[joint, parent]].T, color=TRUTH, lw=6, alpha=0.4, solid_capstyle="round", zorder=1)
             axes.plot(*points[[joint, parent]].T, color=colour if changed else KNOWN, lw=2.4, solid_capstyle="round")
         if not bones:
             axes.scatter(*points.T, s=9, c=np.where(filled[frame], colour, KNOWN))
@@ -79,9 +156,9 @@ def _poses(axes, motion: Motion, frames: Array, filled: Array, colour: str, titl
     axes.axis("off")
 
 
-def _view(positions: Array) -> Array:
-    """`(frames, joints, 2)` of a three-quarter view, each pose centred over its own feet."""
-    middle = np.nanmean(positions, axis=1, keepdims=True)
+def _view(positions: Array, seen_with: Array | None = None) -> Array:
+    """`(frames, joints, 2)` of a three-quarter view, each pose centred over its own feet, or as `seen_with` is."""
+    middle = np.nanmean(positions if seen_with is None else seen_with, axis=1, keepdims=True)
     centred = positions - middle * [1, 0, 1]
     travel = np.nanmean(np.diff(middle[:, 0, [0, 2]], axis=0), axis=0) if len(positions) > 1 else np.zeros(2)
     angle = np.arctan2(travel[1], travel[0]) + np.radians(25) if np.linalg.norm(travel) > 0.02 else np.radians(25)

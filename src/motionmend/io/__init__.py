@@ -13,7 +13,7 @@ import importlib
 import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +108,23 @@ def save(take: Take, path: str | os.PathLike, *, force: bool = False) -> Path:
     module = importlib.import_module(f".{format.name}", __name__)
     write_whole(path, lambda temporary: module.write(take, temporary))
     return path
+
+
+def held(take: Take, frame: int, frames: int) -> Take:
+    """A take in which one frame of another lasts for so many. Written as BVH its numbers are those of the file, if it
+    was one; otherwise it becomes a new file."""
+    again = np.full(frames, frame)
+    if take.rig is None:
+        motion = replace(take.motion, positions=take.motion.positions[again], observed=take.motion.observed[again])
+        return replace(take, motion=motion, document=None)
+    rig = replace(
+        take.rig, rotations=take.rig.rotations[again], translations=take.rig.translations[again],
+        trusted=take.rig.trusted[again],
+    )  # fmt: skip
+    document = None
+    if take.format == "bvh" and take.document is not None:
+        document = importlib.import_module(".bvh", __name__).held(take, frame, frames)
+    return replace(take.with_rig(rig), document=document)
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

@@ -7,7 +7,7 @@ OFFSET on its axis; End Sites are not joints. Writing back replaces only the wor
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -110,6 +110,59 @@ def write(take: Take, path: Path) -> None:
         pieces = _fresh(_rig_of_points(take) if take.rig is None else take.rig, take)
     with path.open("wb") as file:
         file.writelines(pieces)
+
+
+def spliced(pieces: Sequence[tuple[Take, Array]], fps: float) -> Document | None:
+    """One document of frames from several takes: what a take that is put together from them is written into.
+
+    Every row is the text of the frame that it is from, so that `write` keeps the spelling of all that was not changed.
+
+    pieces : takes that were read from BVH, and `(frames,)` indices into each. fps : of the result.
+
+    None where there is no such document: takes of other formats, trees, offsets or units, and a root that cannot move.
+    """
+    documents = [take.document for take, _ in pieces]
+    first, units = documents[0], pieces[0][0].units
+    for (take, _), document in zip(pieces, documents):
+        alike = isinstance(document, Document) and document.tree == first.tree
+        if not alike or (take.units.metres, take.units.up) != (units.metres, units.up):
+            return None
+    roots = np.array(first.rig.skeleton.parents) < 0
+    if not first.rig.moves[roots].all():
+        return None
+    rows = [document.raw[start:stop].strip() for (_, frames), document in zip(pieces, documents)
+            for start, stop in document.rows[frames].tolist()]  # fmt: skip
+    head = first.raw[: first.rows[0, 0]]
+    at = head.upper().rfind(b"MOTION")
+    motion = re.sub(rb"(?i)(Frames[ \t]*:?[ \t]*)\S+", lambda found: found[1] + b"%d" % len(rows), head[at:], count=1)
+    if abs(fps - pieces[0][0].fps) > 1e-6 * fps:
+        time = f"{1 / fps:.9g}".encode()
+        motion = re.sub(rb"(?i)(Frame[ \t_]*Time[ \t]*:?[ \t]*)\S+", lambda found: found[1] + time, motion, count=1)
+    feed = b"\r\n" if b"\r\n" in head else b"\n"
+    head = head[:at] + motion
+    stops = len(head) + np.cumsum([len(row) + len(feed) for row in rows]) - len(feed)
+    starts = stops - [len(row) for row in rows]
+    rotations, translations = (
+        np.concatenate([getattr(document.rig, name)[frames] for (_, frames), document in zip(pieces, documents)])
+        for name in ("rotations", "translations")
+    )
+    rig = replace(first.rig, rotations=rotations, translations=translations,
+                  trusted=np.ones(rotations.shape[:2], bool))  # fmt: skip
+    channels = np.concatenate([document.channels[frames] for (_, frames), document in zip(pieces, documents)])
+    raw = head + feed.join(rows) + feed
+    return Document(raw, np.column_stack([starts, stops]), channels, first.tree, rig)
+
+
+def held(take: Take, frame: int, frames: int) -> Document | None:
+    """The document of a take in which one frame lasts for so many, at the rate the take has now; see `spliced`."""
+    reader = Reader(take.document.raw, Path(take.source))
+    reader.hierarchy()
+    try:
+        said = reader.motion_header(Hints(), [])[0]
+    except InputError:
+        said = 2 * take.fps  # a rate that could not be, and another was asked for
+    as_said = replace(take, motion=replace(take.motion, fps=said))
+    return spliced([(as_said, np.full(frames, frame))], take.fps)
 
 
 def _same_figure(rig: Rig, other: Rig) -> bool:
