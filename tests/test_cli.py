@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,8 @@ import pytest
 import motionmend as mm
 from motionmend.cli import main
 
-WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
+EXAMPLES = Path(mm.__file__).parent / "examples"
+WALK = EXAMPLES / "walk.bvh"
 
 
 @pytest.fixture
@@ -183,12 +185,18 @@ def test_the_demo_ends_with_a_take_a_report_and_a_picture(here, capsys):
     assert main(["demo", "-o", "demo"]) == 0
     said = capsys.readouterr().out
     names = {path.name for path in Path("demo").iterdir()}
-    assert names == {"walk.bvh", "broken.bvh", "fixed.bvh", "fixed.bvh.report.json", "fixed.png"}
+    assert names == {
+        "walk.bvh", "broken.bvh", "fixed.bvh", "fixed.bvh.report.json", "fixed.png",
+        "step.bvh", "step_broken.bvh", "step_fixed.bvh", "step_spline.bvh", "step.png",
+    }  # fmt: skip
+    by_network, by_spline = (int(each) for each in re.findall(r"(\d+) mm from the truth", said))
+    assert by_network < 0.6 * by_spline
     assert "128:170" in said
     # The commands it prints do what it says it did.
     lines = [line.removeprefix("$ motionmend ").split("   (")[0] for line in said.splitlines() if line.startswith("$")]
     shutil.rmtree("demo")
     Path("demo").mkdir()
     shutil.copy("walk.bvh", "demo/walk.bvh")
+    shutil.copy(EXAMPLES / "step.bvh", "demo/step.bvh")
     for line in lines:
         assert main(line.split()) == 0, line
