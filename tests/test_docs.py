@@ -77,6 +77,7 @@ def test_no_page_links_to_a_page_that_is_not_there():
         ("gap_list.py", ["holes.c3d", "filled.c3d"]),
         ("repair_folder.py", ["takes", "repaired"]),
         ("own_method.py", ["walk.bvh", "filled.bvh", "120", "180"]),
+        ("story.py", ["takes", "story.bvh"]),
     ],
 )
 def test_an_example_runs(script, words, demo_folder, tmp_path, monkeypatch, capsys):

@@ -21,7 +21,6 @@ from .composing import (
     Piece,
     ancestors,
     counterparts,
-    filler,
     frame_of,
     frames_of,
     length_of,
@@ -42,6 +41,7 @@ from .rotations import apply, from_rotvec, inverse, multiply, normalised
 from .rows import in_world, seen_from
 
 FADE = "0.4s"
+ANSWERS = "convae"  # the network that fills a body around what its hands do
 
 
 def blend(
@@ -53,7 +53,7 @@ def blend(
     at: int | str,
     fade: int | str = FADE,
     whole: bool = False,
-    method: str | None = None,
+    method: str = "auto",
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> Take:
@@ -69,8 +69,8 @@ def blend(
     fade : before and after them, how long the joints take to go there and back: frames, or "0.4s". None is needed at
         an end of the take.
     whole : also hide the rest of the body for all this time and fill it, so that it may answer to the joints. Only a
-        network (`method`) knows how a body answers.
-    method : of `repair`; by default the installed network "convae", or "auto" where there is none.
+        network knows how a body answers: `method` if it is one, else "convae" where it is installed.
+    method : of `repair`.
     map : overrides of the rig's mapping, as in `repair`; for the source too, if its joints have these names.
 
     Returns
@@ -84,7 +84,7 @@ def blend(
     """
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     ours, theirs = person_in(take, overrides), person_in(source, overrides_for(source, take, overrides))
-    named, method = _named(take, joints, ours), filler(method)
+    named = _named(take, joints, ours)
     clip = Clip.of(source, frames_of(frames, source), take.fps)
     begin, first, last, end = _room(take, clip, at, fade)
     body, notes, fills = take, take.notes, []
@@ -239,7 +239,8 @@ def _answering(
                          hint="leave --whole out, or name joints of a limb")  # fmt: skip
     legs = feet.legs(ours.joints)
     filled, _ = repairs.fill(hidden, method, legs=legs, mapping=ours)
-    if method not in checkpoints.names():
+    network = next((name for name in (method, ANSWERS) if name in checkpoints.names()), "")
+    if not network:
         return feet.plant_feet(filled, gap, legs)[0]
 
     rows = np.arange(first, first + len(clip))
@@ -255,7 +256,7 @@ def _answering(
     positions[rows[:, None], joints] = places[:, shown]
     observed[rows[:, None], joints] = np.isfinite(places[:, shown]).all(axis=-1)
     points = replace(take, rig=None, motion=replace(take.motion, positions=positions, observed=observed))
-    answer, _ = repairs.fill(points, method, mapping=ours)
+    answer, _ = repairs.fill(points, network, mapping=ours)
     if take.rig is None:
         return feet.plant_feet(answer, gap, legs)[0]
     known = [joint for joint in ours.joints if joint >= 0]

@@ -19,7 +19,6 @@ from .composing import (
     Composition,
     Piece,
     ancestors,
-    filler,
     length_of,
     overrides_for,
     person_in,
@@ -47,7 +46,7 @@ def chain(
     *,
     gap: int | str | Sequence[int | str] = GAP,
     fps: float | None = None,
-    method: str | None = None,
+    method: str = "auto",
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> Take:
@@ -60,7 +59,7 @@ def chain(
         BVH; of the same joints in another size, the rotations; others are fitted to where their joints are.
     gap : between two clips: frames of the result, or "1.25s". A sequence, or "50,100,75", has one for each gap.
     fps : of the result; the first clip's rate by default. Clips at other rates are resampled.
-    method : of `repair`; by default the installed network "convae", or "auto" where there is none.
+    method : of `repair`.
     map : overrides of the rig's mapping, as in `repair`, for clips that have joints of these names.
 
     Across a gap the body goes as fast as both clips do at its sides, each seen from where it faces: the mean of both,
@@ -94,7 +93,7 @@ def chain(
 
     assembled, spans = _assembled(placed, gaps)
     holes = list(zip([stop for _, stop in spans], [start for start, _ in spans[1:]]))
-    filled = repairs.repair(assembled, gaps=holes, method=filler(method), plant_feet=True, map=overrides, stage=stage)
+    filled = repairs.repair(assembled, gaps=holes, method=method, plant_feet=True, map=overrides, stage=stage)
     names = assembled.skeleton.names
     pieces = [
         Piece(start, stop, names, each.clip.name, (each.clip.start, each.clip.stop), each.how)

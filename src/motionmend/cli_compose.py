@@ -42,8 +42,8 @@ class Blend(Reading):
     """How long the joints take to go there, and to go back."""
     whole: bool = False
     """Hide the rest of the body for that time, too, so that a network may let it answer."""
-    method: Optional[str] = None
-    """How to fill; a method of `repair`. By default the installed network convae, or auto."""
+    method: str = "auto"
+    """How to fill; a method of `repair`."""
     map: Optional[Path] = None
     """A TOML file that says which joint is which."""
     json: bool = False
@@ -79,8 +79,8 @@ class Chain(Reading):
     """The new file, with the first clip's rig and rate."""
     gap: str = "1s"
     """Between two clips: 75 or 1.25s; 50,100,75 for one length each."""
-    method: Optional[str] = None
-    """How to fill; a method of `repair`. By default the installed network convae, or auto."""
+    method: str = "auto"
+    """How to fill; a method of `repair`."""
     map: Optional[Path] = None
     """A TOML file that says which joint is which."""
     json: bool = False

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from . import checkpoints
 from .body import LIMBS, Mapping, map_rig, to_body
 from .errors import InputError
 from .motion import Array, Motion, Rig, Skeleton, Take
@@ -21,7 +20,6 @@ from .rotations import normalised
 from .rows import path_of
 from .windows import between, resample
 
-COMPLETER = "convae"  # the network that fills what is put together, where it is installed
 PATH_RATE = 60.0  # frames per second for which `rows.path_of` smooths
 REST_DEGREES = 10.0  # rest poses that differ by less mean the same by a rotation
 
@@ -200,11 +198,6 @@ def path_in(take: Take, mapping: Mapping) -> Path2D:
         return at[:, :2], at[:, 2]
 
     return path
-
-
-def filler(method: str | None) -> str:
-    """The method of `repairs.repair` that fills: the one asked for, else COMPLETER where it is installed, else auto."""
-    return method or (COMPLETER if COMPLETER in checkpoints.names() else "auto")
 
 
 @dataclass(frozen=True)
