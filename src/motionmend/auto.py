@@ -67,7 +67,6 @@ NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
         "body": (1.6, 6.0, 0),
         "limb": (1.6, 6.0, 12),
         "all points": (1.6, 6.0, 0),
-        "leg joints": (2.5, 6.0, 12),
         "joints": (2.5, 6.0, 12),
     },
 }

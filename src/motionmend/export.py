@@ -182,8 +182,10 @@ def _forget_origin(model) -> None:
     """Take out doc strings and metadata: the exporter keeps stack traces with this machine's paths in them."""
     model.ClearField("doc_string")
     model.ClearField("metadata_props")
-    graph = model.graph
-    parts = [graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer]
+    parts, graphs = [], [model.graph]
+    for graph in graphs:  # it grows: the bodies of loops are graphs too
+        parts += [graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer]
+        graphs += [each.g for node in graph.node for each in node.attribute if each.HasField("g")]
     for function in model.functions:
         parts += [function, *function.node, *function.value_info]
     for part in parts:

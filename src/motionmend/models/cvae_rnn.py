@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -18,7 +18,6 @@ from torch._higher_order_ops.scan import scan
 from torch.func import functional_call
 from torch.utils._pytree import tree_map
 
-from ..fused_attention import TRANSLATIONS
 from .network import Network
 from .trajevae import kl, only_bodies, path_batch
 
@@ -154,18 +153,6 @@ def over_time(step: Callable[..., tuple[Any, Tensor]], begin: Any, x: Tensor) ->
         begin, out = step(begin, frame)
         made.append(out)
     return torch.stack(made, dim=1)
-
-
-def untraced_scan(body: Any, *arguments: Any, **options: Any) -> Any:
-    """torch's translation of a scan to ONNX, without where in this machine's files the steps were written."""
-    from torch.onnx._internal.exporter._torchlib.ops.hop import higher_order_scan
-
-    for node in body:
-        node.metadata_props.clear()
-    return higher_order_scan(body, *arguments, **options)
-
-
-cast(dict[Any, Any], TRANSLATIONS)[torch.ops.higher_order.scan] = untraced_scan
 
 
 def fixed(module: nn.Module) -> Callable[..., Any]:
