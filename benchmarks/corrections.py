@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import diagnosis
 import numpy as np
 from diagnosis import accused, cmu_files, overlap
 
@@ -67,30 +68,15 @@ CASES = (
 
 
 @dataclass
-class Score:
-    planted: int = 0
-    found: int = 0
-    flagged: int = 0
-    right: int = 0
-    samples: int = 0
-    samples_found: int = 0
-    samples_flagged: int = 0
-    samples_right: int = 0
+class Score(diagnosis.Score):
+    """before, after : sums of the planted pieces' mean errors, mm."""
+
     before: float = 0.0
     after: float = 0.0
 
     def row(self) -> str:
-        def share(part: int, whole: int) -> str:
-            return f"{100 * part / whole:.1f}" if whole else "–"
-
-        shares = (
-            share(self.found, self.planted),
-            share(self.right, self.flagged),
-            share(self.samples_found, self.samples),
-            share(self.samples_right, self.samples_flagged),
-        )
-        errors = (f"{total / max(self.planted, 1):.0f}" for total in (self.before, self.after))
-        return f"{self.planted} | {' | '.join(shares)} | {' | '.join(errors)}"
+        errors = [f"{total / max(self.planted, 1):.0f}" for total in (self.before, self.after)]
+        return " | ".join([*self.shares(), *errors])
 
 
 def as_points(take: Take, cloud: bool = False) -> Take:

@@ -77,19 +77,20 @@ class Score:
     edges: int = 0
     edges_left: int = 0
 
-    def row(self) -> str:
-        def share(part: int, whole: int) -> str:
-            return f"{100 * part / whole:.1f}" if whole else "–"
+    def shares(self) -> list[str]:
+        """How many were planted, and per cent: found, right, samples found, samples right."""
+        parts = (
+            (self.found, self.planted), (self.right, self.flagged), (self.samples_found, self.samples),
+            (self.samples_right, self.samples_flagged),
+        )  # fmt: skip
+        return [str(self.planted), *(share(*each) for each in parts)]
 
-        cells = (
-            str(self.planted),
-            share(self.found, self.planted),
-            share(self.right, self.flagged),
-            share(self.samples_found, self.samples),
-            share(self.samples_right, self.samples_flagged),
-            share(self.edges_left, self.edges),
-        )
-        return " | ".join(cells)
+    def row(self) -> str:
+        return " | ".join([*self.shares(), share(self.edges_left, self.edges)])
+
+
+def share(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.1f}" if whole else "–"
 
 
 def as_points(take: Take) -> Take:

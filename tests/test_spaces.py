@@ -60,6 +60,7 @@ def test_what_goes_in_comes_back(name, seed, frames, hidden):
         "joint_tokens": lambda: unpacked(inputs, observed.shape),
         "poses_on_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
         "poses_off_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
+        "body_rows": lambda: inputs["rows"],
     }
     back = space.decode(unchanged[name](), known)
     assert back.shape == positions.shape and back.dtype == np.float32

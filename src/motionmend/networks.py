@@ -31,7 +31,7 @@ Run = Callable[[dict[str, Array]], Array]
 Restart = Callable[[Array, int], Array]
 
 MOST = 4_800  # frames given at once to a network that takes any number
-TOKENS = 8_192  # joints × frames given to a network at once: attention's memory grows with their number
+TOKENS = 8_192  # joints × frames, or frames of a generative one, given to a network at once: attention's memory grows
 FEET = [joint for name, joint in JOINT.items() if name.endswith(("foot", "toe"))]
 
 
@@ -109,7 +109,8 @@ class NetworkCompleter:
         """`windows`, with `more` inputs that have a row for each window."""
         self._must_fit(positions.shape)
         out = np.empty(positions.shape, np.float32)
-        rows = max(1, TOKENS // max(1, positions[0].size // 3)) if len(out) else 1
+        tokens = positions.shape[1] * (1 if self.description.generative else positions.shape[2])
+        rows = max(1, TOKENS // max(1, tokens))
         for start in range(0, len(out), rows):
             part = slice(start, start + rows)
             inputs, known = self.space.encode(positions[part], observed[part])
@@ -250,7 +251,10 @@ class GenerativeCompleter(NetworkCompleter):
         positions = np.concatenate([pose[:, None], trajectories], axis=1)
         observed = np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
         noise = self._noise(np.random.default_rng(seed), count, len(pose))
-        return np.stack([self._in_batches(positions, observed, {"noise": each})[:, 1:] for each in noise], axis=1)
+        noise = noise.swapaxes(0, 1).reshape(-1, self.description.noise_size)
+        positions, observed = np.repeat(positions, count, axis=0), np.repeat(observed, count, axis=0)
+        ways = self._in_batches(positions, observed, {"noise": noise})[:, 1:]
+        return ways.reshape(len(pose), count, *ways.shape[1:])
 
     def sample(self, motion: Motion, n: int, seed: int, mapping: Mapping | None = None) -> list[Motion]:
         """`n` ways in which a take may go on from its first frame, along whatever is observed after it.

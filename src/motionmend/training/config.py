@@ -20,7 +20,7 @@ class Settings:
     corpus: tuple[str, ...] = ()
     """Corpora to train on; samples are drawn from each in proportion to its hours."""
     start: str = ""
-    """A checkpoint, by name or path, whose weights training begins with; chance if empty."""
+    """Name or path of a checkpoint whose weights training begins with; chance if empty."""
     steps: int = 10_000
     """Training steps in all."""
     batch: int = 128

@@ -1,0 +1,61 @@
+"""How fast samples are drawn: TrajeVAE, all frames at once, beside CVAE-RNN, frame after frame. Prints a table.
+
+    python benchmarks/trajevae.py [--checkpoint trajevae] [--samples 50] [--repeats 5]
+
+Both are exported and run on onnxruntime, from one pose and two given paths to 100 frames of 21 joints. "paper's"
+networks have random weights, which does not matter to the time. They take turns; medians of `repeats` rounds count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from convae import medians
+
+from motionmend.benchmark.provenance import machine
+from motionmend.body import BODY, JOINT
+from motionmend.export import export
+from motionmend.models.cvae_rnn import CVAERNN
+from motionmend.models.trajevae import TrajeVAE
+from motionmend.networks import GenerativeCompleter, load_completer
+from motionmend.spaces import STANDING, UPRIGHT
+
+GIVEN = [JOINT["left_hand"], JOINT["right_hand"]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--checkpoint", default="trajevae")
+    parser.add_argument("--samples", type=int, default=50)
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args()
+    clock = np.arange(101)[:, None, None] / 50
+    positions = (STANDING + UPRIGHT + 0.1 * np.sin(3 * clock) * np.array([1, 0, 1])).astype(np.float32)[None]
+    given = np.zeros((1, 100, len(BODY)), bool)
+    given[..., GIVEN] = True
+    networks = {options.checkpoint: load_completer(options.checkpoint)}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, kind in (("paper's TrajeVAE", TrajeVAE), ("paper's CVAE-RNN", CVAERNN)):
+            torch.manual_seed(0)
+            whole = np.repeat(positions, 2, axis=0), np.ones((2, 101, len(BODY)), bool)
+            path = export(kind(kind.Config(), len(BODY)), Path(folder) / kind.name, skeleton=BODY, windows=whole)
+            networks[name] = load_completer(path)
+        calls = []
+        for network in networks.values():
+            assert isinstance(network, GenerativeCompleter)
+            calls.append(partial(network.sample_windows, positions[:, 0], positions[:, 1:], given, options.samples, 0))
+        times = dict(zip(networks, medians(calls, options.repeats)))
+    slow = times["paper's CVAE-RNN"]
+    print(f"{options.samples} samples of 100 frames, median of {options.repeats}; {machine()}\n")
+    print("| network | seconds | CVAE-RNN takes so many times as long |\n|---|---:|---:|")
+    for name, seconds in times.items():
+        print(f"| {name} | {seconds:.3f} | {slow / seconds:.1f} |")
+
+
+if __name__ == "__main__":
+    main()
