@@ -93,7 +93,8 @@ def test_a_folder_of_runs_can_be_searched_by_the_names_of_the_runs(shelf, export
 
 
 def test_what_is_no_checkpoint_is_named(shelf, monkeypatch):
-    listed = r"no network or checkpoint is named 'walkr'.*Installed: convae, runner, sleeper, trajevae, walker, xmae; did you mean walker"
+    there = "convae, runner, sleeper, trajevae, walker, xmae"
+    listed = rf"no network or checkpoint is named 'walkr'.*Installed: {there}; did you mean walker"
     with pytest.raises(InputError, match=listed):
         checkpoints.find("walkr")
     with pytest.raises(InputError, match=r"here: this folder holds no config\.json"):

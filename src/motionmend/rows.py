@@ -136,7 +136,8 @@ def body_local(positions: Array) -> Array:
     positions : metres of BODY's joints. NaN for a joint that is NaN, and for all where no heading is known.
     """
     known = np.asarray(np.isfinite(positions).all(axis=-1))
-    told = known[:, :, [JOINT[f"{side}_{part}"] for side in ("left", "right") for part in ("thigh", "upper_arm")]]
+    sides = [JOINT[f"{side}_{part}"] for side in ("left", "right") for part in ("thigh", "upper_arm")]
+    told = known[:, :, sides]
     poses = seen_from(positions.astype(float), *path_of(positions, known))
-    headed = np.asarray((told[..., 0] & told[..., 2]) | (told[..., 1] & told[..., 3]))
-    return np.where(headed.any(axis=1)[:, None, None, None], poses, np.nan)
+    headed = np.asarray(((told[..., 0] & told[..., 2]) | (told[..., 1] & told[..., 3])).any(axis=1))
+    return np.where(headed[:, None, None, None], poses, np.nan)
