@@ -8,16 +8,13 @@ Every take's joints are points here, with bones and without channels, as joint c
 
 from __future__ import annotations
 
-import argparse
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import diagnosis
 import numpy as np
-from diagnosis import accused, cmu_files, overlap
+from diagnosis import accused, asked, cmu_files, overlap
 
 import motionmend.io as io
 from motionmend.body import Mapping, map_rig
@@ -193,19 +190,10 @@ def print_false_alarms(name: str, files: Sequence[tuple[Path, float | None]]) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True, help="the folder with cmu/ and, if at hand, the others")
-    parser.add_argument("--csv", type=Path, help="the table of trials (default: DIR/cmu.csv)")
-    parser.add_argument("--split", default="validation", help="where damage is planted")
-    parser.add_argument("--every", type=int, default=1, help="use every n-th take of the split")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--cloud", action="store_true", help="leave the bones out of the takes; names tell them")
-    parser.add_argument("--quick", action="store_true", help="leave out the false alarms")
-    options = parser.parse_args()
-    data, table = options.data, options.csv or options.data / "cmu.csv"
-    files = list(cmu_files(data, table, {options.split}))[:: options.every]
-    print(f"Seed {options.seed}, CMU {options.split} ({len(files)} takes); NumPy {np.__version__}, ", end="")
-    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores.")
+    options, files = asked(
+        __doc__, cloud="leave the bones out of the takes; names tell them", quick="leave out the false alarms"
+    )
+    data, table = options.data, options.csv
     print_found(files, options.seed, options.cloud)
     if options.quick:
         return

@@ -296,19 +296,29 @@ def print_false_alarms(name: str, files: list[tuple[Path, float | None]]) -> Non
     print(f"| {name} | {takes} | {samples['points']:,} | {' | '.join(shares)} |", flush=True)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def asked(
+    doc: str | None, **switches: str
+) -> tuple[argparse.Namespace, list[tuple[Path, float | None]]]:
+    """The command line, with `switches` by name and what their help says, and the takes of its split; says which."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="the folder with cmu/ and, if at hand, the others")
     parser.add_argument("--csv", type=Path, help="the table of trials (default: DIR/cmu.csv)")
     parser.add_argument("--split", default="validation", help="where damage is planted")
     parser.add_argument("--every", type=int, default=1, help="use every n-th take of the split")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quick", action="store_true", help="leave out the false alarms on all other takes")
+    for name, told in switches.items():
+        parser.add_argument(f"--{name}", action="store_true", help=told)
     options = parser.parse_args()
-    data, table = options.data, options.csv or options.data / "cmu.csv"
-    files = list(cmu_files(data, table, {options.split}))[:: options.every]
+    options.csv = options.csv or options.data / "cmu.csv"
+    files = list(cmu_files(options.data, options.csv, {options.split}))[:: options.every]
     print(f"Seed {options.seed}, CMU {options.split} ({len(files)} takes); NumPy {np.__version__}, ", end="")
     print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores.")
+    return options, files
+
+
+def main() -> None:
+    options, files = asked(__doc__, quick="leave out the false alarms on all other takes")
+    data, table = options.data, options.csv
     print_found(files, options.seed)
     print("\n### False alarms: samples of takes as published that would be replaced\n")
     print("| takes | number | samples | channels % | points % |\n|---|--:|--:|--:|--:|")
