@@ -1,10 +1,13 @@
-"""XMAE's options, each changed by itself and trained for the same few steps. Prints a Markdown table.
+"""Options of a network, each changed by itself and trained for the same few steps. Prints a Markdown table.
 
-    python benchmarks/ablations.py --corpus cmu.corpus reactidle.corpus -o runs/ablations [--steps 400] [--batch 32]
+    python benchmarks/ablations.py xmae --corpus cmu.corpus reactidle.corpus -o runs/ablations
+    python benchmarks/ablations.py trajevae --corpus cmu50.corpus reactidle50.corpus -o runs/ablations50
 
-The rows are the paper's ablations (Björkstrand et al. 2023, section 5) at a budget that is thousands of times smaller,
-so that its findings can be looked for in shape: what hides more, displaces more, or decodes otherwise. The errors are
-those of the quick validation, in mm, on validation windows. A run that is there already is not trained again.
+The rows are the papers' ablations (Björkstrand et al. 2023, section 5; Kania et al. 2021, tables 4, 6) at a budget that
+is hundreds of times smaller, so that their findings can be looked for in shape. XMAE's begin at the curve through what
+is seen, TrajeVAE's with our options but its own switches: from scratch, so few steps show only who learns first where a
+body's joints are. The errors are those of the quick validation, on validation windows; the time is the training's, as a
+multiple of the first row's. A run that is there already is not trained again.
 """
 
 from __future__ import annotations
@@ -18,60 +21,92 @@ from pathlib import Path
 
 import torch
 
-BASE = {"size": "small"}
-VARIANTS: dict[str, dict[str, object]] = {
-    "base: 85 % masked, 5 % displaced by up to 1 m, cross, depth 3, small": {},
-    "75 % masked": {"masked": 0.75},
-    "90 % masked": {"masked": 0.90},
-    "none displaced": {"displaced": 0.0},
-    "displaced by up to 0.5 m": {"radius": 0.5},
-    "displaced by up to 2 m": {"radius": 2.0},
-    "MAE decoder": {"decoder": "mae"},
-    "BERT": {"decoder": "bert"},
-    "decoder depth 1": {"decoder_depth": 1},
-    "decoder depth 5": {"decoder_depth": 5},
-    "default size": {"size": "default"},
-    "curves, poses as tokens (ours)": {
-        "curves": "off", "damage": "gaps", "error": "rms", "head": 16, "encoder_depth": 2, "decoder_depth": 2,
-    },
+# network -> what all rows share of the training and of the network's options, and the rows.
+TABLES: dict[str, tuple[dict[str, object], dict[str, object], dict[str, dict[str, object]]]] = {
+    "xmae": (
+        {"batch": 20, "lr": 1e-3, "ema": 0.98},
+        {"size": "small", "curves": "on", "head": 16, "encoder_depth": 2, "decoder_depth": 2, "asked": 128},
+        {
+            "base: 85 % masked, 5 % displaced by up to 1 m, cross, decoder depth 2, small": {},
+            "75 % masked": {"masked": 0.75},
+            "90 % masked": {"masked": 0.90},
+            "none displaced": {"displaced": 0.0},
+            "displaced by up to 2 m": {"radius": 2.0},
+            "decoder depth 1": {"decoder_depth": 1},
+            "decoder depth 4": {"decoder_depth": 4},
+            "default size": {"size": "default"},
+            "damaged as takes are, squared error (ours)": {"damage": "takes", "error": "rms"},
+            "joint tokens, not from curves (the paper's)": {"curves": "", "head": 64, "encoder_depth": 6},
+            "MAE decoder": {"decoder": "mae"},
+            "BERT": {"decoder": "bert"},
+        },
+    ),
+    "trajevae": (
+        {"batch": 40, "lr": 1e-3, "ema": 0.98, "schedule": "trapezoid", "clip": 1.0},
+        {"size": "small", "dropout": 0.0, "patch": 4, "standardised": True, "along": True, "direct": True, "hips": 1.0,
+         "bones": 2.0, "climb": 200, "prior": "standard", "dct": False, "mask_future": False},
+        {
+            "base: standard prior, no DCT, whole futures": {},
+            "+ learnable prior": {"prior": "learned"},
+            "+ DCT": {"prior": "learned", "dct": True},
+            "+ masked futures": {"prior": "learned", "dct": True, "mask_future": True},
+            "all, answers not along the paths": {
+                "prior": "learned", "dct": True, "mask_future": True, "along": False,
+            },
+            "all, steps summed up (the paper's)": {
+                "prior": "learned", "dct": True, "mask_future": True, "direct": False,
+            },
+        },
+    ),
 }  # fmt: skip
 
 
-def trained(folder: Path, fields: dict[str, object], options: argparse.Namespace) -> dict[str, float]:
-    """The scores of a run with these fields of XMAEConfig, trained now if it was not yet."""
-    log = folder / "log.jsonl"
+def flag(name: str, value: object) -> str:
+    """As `motionmend train` wants it: --network.mirror, --network.no-dct, --network.size=small."""
+    name = name.replace("_", "-")
+    return f"--network.{'' if value else 'no-'}{name}" if isinstance(value, bool) else f"--network.{name}={value}"
+
+
+def trained(
+    folder: Path, network: str, training: dict[str, object], fields: dict[str, object], options: argparse.Namespace
+) -> tuple[dict[str, float], float]:
+    """The scores of a run with these fields of the network's options, trained now if it was not yet; its seconds."""
     if not (folder / "export").is_dir():
-        flags = [part for name, value in {**BASE, **fields}.items() for part in (f"--network.{name}", str(value))]
+        settings = training | {"steps": options.steps, "seed": options.seed, "validate_every": 0}
+        settings |= {"validation_windows": options.windows}
         command = [
-            sys.executable, "-m", "motionmend", "train", "xmae", "-o", str(folder), "--resume",
-            "--corpus", *options.corpus, "--steps", str(options.steps), "--batch", str(options.batch),
-            "--lr", str(options.lr), "--seed", str(options.seed), "--validate-every", "0", "--ema", "0.98",
-            "--validation-windows", str(options.windows), *flags,
+            sys.executable, "-m", "motionmend", "train", network, "-o", str(folder), "--resume",
+            "--corpus", *options.corpus, *(f"--{name.replace('_', '-')}={value}" for name, value in settings.items()),
+            *(flag(name, value) for name, value in fields.items()),
         ]  # fmt: skip
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
-    return next(line["validation"] for line in reversed(lines) if "validation" in line)
+    lines = [json.loads(line) for line in reversed((folder / "log.jsonl").read_text().splitlines())]
+    scores, seconds = (next(line[key] for line in lines if key in line) for key in ("validation", "seconds"))
+    return scores, seconds
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("network", choices=list(TABLES))
     parser.add_argument("--corpus", nargs="+", required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=400)
-    parser.add_argument("--batch", type=int, default=36)
-    parser.add_argument("--lr", type=float, default=1e-3)
+    parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--windows", type=int, default=64)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    print(f"{options.steps} steps of {options.batch} windows each, learning rate {options.lr:g}, seed {options.seed}; "
+    training, shared, rows = TABLES[options.network]
+    print(f"{options.network}: {options.steps} steps of {training['batch']} windows each, seed {options.seed}; "
           f"{options.windows} validation windows; {platform.machine()}, torch {torch.__version__}\n")  # fmt: skip
-    rows = {}
-    for number, (name, fields) in enumerate(VARIANTS.items()):
-        rows[name] = trained(options.output / f"{number:02}", fields, options)
+    first = 0.0
+    for number, (name, fields) in enumerate(rows.items()):
+        folder = options.output / f"{number:02}"
+        scores, seconds = trained(folder, options.network, training, shared | fields, options)
         if not number:
-            print("| option | " + " | ".join(rows[name]) + " |\n|---|" + "---:|" * len(rows[name]))
-        print(f"| {name} | " + " | ".join(f"{value:.1f}" for value in rows[name].values()) + " |", flush=True)
+            print("| option | " + " | ".join(scores) + " | time |\n|---|" + "---:|" * (len(scores) + 1))
+        first = first or seconds
+        values = [f"{value:.4g}" for value in scores.values()] + [f"{seconds / first:.1f}"]
+        print(f"| {name} | " + " | ".join(values) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from motionmend.benchmark import methods, neighbours, trajevae
+from motionmend.benchmark.constrained import constrained
 from motionmend.benchmark.methods import Method
 from motionmend.benchmark.results import TRUTH
 from motionmend.body import BODY, JOINT
 from motionmend.corpus import ClipInfo
 from motionmend.corpus_writer import write_corpus
 from motionmend.errors import InputError
+from motionmend.metrics_sampling import bone_stretch
 from motionmend.motion import Motion, Skeleton
+from walks import walk
 
 SHAPE = np.random.default_rng(3).uniform([-0.5, 0.2, -0.5], [0.5, 1.6, 0.5], (21, 3))
 for _name in ("thigh", "upper_arm"):  # so that it faces +z
@@ -272,3 +275,72 @@ def test_what_cannot_be_measured_is_said(tmp_path):
         trajevae.starts(other, "train")
     with pytest.raises(InputError, match="not BODY's"):
         neighbours.Neighbours.of(other, 101)
+
+
+def test_paths_are_exchanged_between_windows_that_begin_alike():
+    still = np.broadcast_to(SHAPE, (101, 21, 3))
+    rising = still + np.linspace(0, 1, 101)[:, None, None] * [0.2, 0.3, 0.5]
+    off = still.copy()
+    off[:, JOINT["right_foot"]] += [0, 0.02, 0]  # farther than REACH where the right foot is given
+    truths = np.stack([still, turned(rising, 0.7) + np.array([3, 0, -2]), off]).astype(np.float32)
+    mixed = trajevae.exchanged(truths, 1)
+    assert len(mixed) == 2
+    assert mixed[0] == pytest.approx(rising, abs=1e-5)  # the first pose, and the second's future as seen from there
+    assert mixed[1, 1:] == pytest.approx(np.broadcast_to(truths[1, 0], (100, 21, 3)), abs=1e-5)
+
+
+def test_other_paths_are_a_task_of_their_own(tmp_path):
+    walking = lively(126, 1)
+    corpus = corpus_of(tmp_path, ("test", walking), ("test", turned(walking, 1.0) + np.array([5, 0, 0])))
+    found = {}
+    for cell in trajevae.measure(corpus, "test", methods.find_all(["zero-velocity"]), limit=2):
+        if cell.task.startswith("other paths"):
+            found[cell.setting, cell.metric] = cell.value
+    assert {setting for setting, _ in found} == {f"k = {given}, 2 pairs" for given in (1, 2, 3, 4)}
+    assert found["k = 1, 2 pairs", "ADE"] > 0 and found["k = 1, 2 pairs", "APD"] == 0
+
+
+def test_constraints_keep_bones_and_meet_paths():
+    truth = walk(50.0).positions[None, :101].astype(np.float32)
+    rng = np.random.default_rng(0)
+
+    def stretched(pose, trajectories, given, count, seed):
+        sway = 0.05 * np.sin(np.arange(100)[:, None, None] / 15 + rng.uniform(0, 6, (count, 1, 21, 3)))
+        return (truth[:, None, 1:] * [1, 1.03, 1] + sway).astype(np.float32)
+
+    raw = Method("raw", sample=stretched)
+    samples = constrained(raw).sample(*asked(truth, 4), 2, 0)
+    loose = stretched(*asked(truth, 4), 2, 0)
+    before, after = (bone_stretch(each, truth[0, 0], BODY.parents)[1] for each in (loose, samples))
+    assert before > 5 and after < 0.1
+    paths = trajevae.told(4)
+    assert np.linalg.norm(samples[:, :, :, paths] - truth[:, None, 1:, paths], axis=-1).max() < 0.005
+
+
+def test_a_method_that_cannot_sample_cannot_be_constrained():
+    with pytest.raises(InputError, match="does not sample"):
+        methods.find("linear+constraints")
+
+
+def test_a_network_with_one_answer_gives_it_for_every_sample():
+    torch = pytest.importorskip("torch")
+    from motionmend.models.infilling import Infilling, InfillingConfig
+    from motionmend.networks import module_completer
+
+    torch.manual_seed(0)
+    network = Infilling(InfillingConfig(channels=(4, 6, 8, 8, 8), begin="curve"), 21).eval()
+    truth = walk(50.0).positions[None, :101].astype(np.float32)
+    samples = methods.of_completer("one", module_completer(network)).sample(*asked(truth, 4), 3, 0)
+    assert samples.shape == (1, 3, 100, 21, 3) and np.isfinite(samples).all()
+    assert (samples == samples[:, :1]).all()
+
+
+def test_infilling_trains_on_a_pose_and_whole_paths():
+    pytest.importorskip("torch")
+    from motionmend.models.infilling import Infilling, InfillingConfig
+
+    network = Infilling(InfillingConfig(channels=(4, 6, 8, 8, 8)), 21)
+    truth = walk(50.0).positions[None, :101].astype(np.float32).repeat(40, axis=0)
+    hidden = network._hidden(truth, np.ones(truth.shape[:3], bool), np.random.default_rng(0), 0)
+    assert not hidden[:, 0].any() and (hidden[:, 1:] == hidden[:, 1:2]).all()
+    assert 0.8 < hidden[:, 1].mean() < 0.9

@@ -336,9 +336,21 @@ def test_real_takes_lose_bodies_and_limbs_for_a_while_and_are_displaced():
 def test_gaps_alone_show_nothing_that_is_not_true():
     positions = rng(8).normal(0, 1, (500, 60, 21, 3)).astype(np.float32)
     observed = np.ones(positions.shape[:3], bool)
-    damaged, hidden, moved = damage.take_damage(positions, observed, rng(9), gaps_only=True)
+    damaged, hidden, moved = damage.take_damage(positions, observed, rng(9), only="gaps")
     assert np.array_equal(damaged, positions) and not moved.any()
     assert hidden.any(axis=(1, 2)).mean() > 0.99  # each of some joints may be none
+
+
+def test_wrong_samples_alone_hide_nothing():
+    positions = rng(8).normal(0, 1, (2000, 60, 21, 3)).astype(np.float32)
+    observed = np.ones(positions.shape[:3], bool)
+    damaged, hidden, moved = damage.take_damage(positions, observed, rng(9), only="wrong")
+    changed = np.any(damaged != positions, axis=-1)
+    assert not hidden.any() and not (changed & ~moved).any() and changed.sum() > 0.999 * moved.sum()
+    noisy = moved.all(axis=(1, 2))
+    assert within(noisy.sum(), 2000, 0.5) and moved.any(axis=(1, 2)).mean() > 0.99
+    sigmas = 1.4826 * np.median(np.abs(damaged - positions)[noisy], axis=(1, 2, 3))
+    assert 0.08 < sigmas.max() < 0.11 and 0.02 < np.median(sigmas) < 0.03
 
 
 def test_groups_are_limbs_that_hang_together():

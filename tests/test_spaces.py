@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motionmend import spaces
 from motionmend.body import BODY, JOINT, LIMBS, facing
 from motionmend.metrics import bone_lengths
 from motionmend.motion import Motion
@@ -60,6 +61,7 @@ def test_what_goes_in_comes_back(name, seed, frames, hidden):
         "joint_tokens": lambda: unpacked(inputs, observed.shape),
         "poses_on_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
         "poses_off_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
+        "poses_smooth_curves": lambda: inputs["curve"][..., 9:12] / 10,  # a straight line through what is seen
         "body_rows": lambda: inputs["rows"],
     }
     back = space.decode(unchanged[name](), known)
@@ -152,6 +154,29 @@ def test_an_answer_off_curves_counts_by_the_distance_from_what_is_seen():
     np.testing.assert_allclose(moved[4:24, 5], [min(1, min(d, 21 - d) / 8) ** 2 for d in range(1, 21)], atol=1e-6)
     np.testing.assert_allclose(moved[27:, 6], [1 / 64, 4 / 64, 9 / 64], atol=1e-6)
     assert (moved[:, 7] == 1).all()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 60])
+def test_smoothing_is_whittakers(frames):
+    """min |x - y|² + SMOOTHING |third differences of x|², by least squares over both at once."""
+    noisy = np.random.default_rng(0).normal(size=(frames, 4))
+    bends = np.zeros((0, frames)) if frames < 4 else np.diff(np.eye(frames), n=3, axis=0)
+    rows = np.concatenate([np.eye(frames), spaces.SMOOTHING**0.5 * bends])
+    expected = np.linalg.lstsq(rows, np.concatenate([noisy, np.zeros((len(bends), 4))]), rcond=None)[0]
+    assert spaces.smoother(frames) @ noisy == pytest.approx(expected, abs=1e-4)
+
+
+def test_an_answer_of_nothing_from_smooth_curves_takes_noise_away_and_leaves_parabolas():
+    clock = np.linspace(0, 1, 60, dtype=np.float32)[None, :, None, None]
+    moving = a_body() + clock * [0.5, 0, 1] + clock**2 * [0, 0.1, 0.3]
+    moving = moving.astype(np.float32)
+    noisy = moving + np.random.default_rng(0).normal(0, 0.02, moving.shape).astype(np.float32)
+    space, there = SPACES["poses_smooth_curves"](), np.ones(moving.shape[:3], bool)
+    for shown, least, most in ((moving, 0, 1e-5), (noisy, 0.1, 0.45)):
+        _, known = space.encode(shown, there)
+        left = np.linalg.norm(space.decode(np.zeros_like(shown), known) - moving, axis=-1).mean()
+        was = max(1.0 if shown is moving else 0, float(np.linalg.norm(shown - moving, axis=-1).mean()))
+        assert least <= left / was <= most
 
 
 def test_first_pelvis_is_the_origin_in_height_too():

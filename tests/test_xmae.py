@@ -111,8 +111,9 @@ def test_the_loss_is_over_masked_and_displaced_tokens_and_with_bert_over_some_cl
         {"mirror": True, "resize": 0.2},
         {"curves": "on", "damage": "takes", "mirror": True, "asked": 90},
         {"curves": "off", "damage": "gaps", "asked": 90},
+        {"curves": "smooth", "damage": "wrong", "asked": 90},
     ],
-    ids=["paper", "augmented", "on curves", "off curves"],
+    ids=["paper", "augmented", "on curves", "off curves", "smooth curves"],
 )
 def test_the_target_is_a_body(fields):
     """What the network is to say, put where the loss has it, has bones of one length: no turn or shift is lost."""

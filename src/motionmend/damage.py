@@ -239,14 +239,16 @@ GROUPS = tuple(
 
 
 def take_damage(
-    positions: Array, observed: Array, rng: np.random.Generator, *, gaps_only: bool = False
+    positions: Array, observed: Array, rng: np.random.Generator, *, only: str = ""
 ) -> tuple[Array, Array, Array]:
     """What happens to real takes, one kind a window: what XMAE's uniform masks are too mild and too even to teach.
 
     A gap of the whole body (35 %); of one of GROUPS, at times for the whole window (29 %); 50 to 95 % of all samples
     gone one by one (10 %); a gap of its own for each of some joints (8 %); one of GROUPS displaced by one offset of up
     to a metre for a while (10 %); Gaussian noise of up to 60 mm on everything (8 %). In one window of six, 5 % of what
-    is left are displaced besides, as XMAE does. With `gaps_only` nothing is shown that is not true.
+    is left are displaced besides, as XMAE does. With `only="gaps"` nothing is shown that is not true; with
+    `only="wrong"` nothing is hidden, half of the windows have one of GROUPS displaced and half have noise, mostly
+    little, of up to 100 mm.
 
     Parameters
     ----------
@@ -257,7 +259,9 @@ def take_damage(
     positions, damaged; `(B, T, J)` hidden; `(B, T, J)` moved, True where a sample is shown that is not the truth.
     """
     windows, frames, joints = observed.shape
-    chance = rng.random(windows) * (0.82 if gaps_only else 1)
+    chance = rng.random(windows) * (0.82 if only == "gaps" else 1)
+    if only == "wrong":
+        chance = np.where(chance < 0.5, 0.9, 0.99)  # of the kinds that are not gaps
     kind = np.searchsorted(np.cumsum([0.35, 0.29, 0.10, 0.08, 0.10]), chance, side="right")
     clock = np.arange(frames)[:, None]
     members = np.zeros((len(GROUPS), joints), bool)
@@ -279,14 +283,15 @@ def take_damage(
     scattered = rng.random(observed.shape, np.float32) < share
     hidden = np.select([(kind < 2)[:, None, None] | own[:, None], kind[:, None, None] == 2], [inside, scattered], False)
 
-    if gaps_only:
+    if only == "gaps":
         return positions, hidden, np.zeros_like(hidden)
     moved = inside & (kind == 4)[:, None, None]
     odd = (rng.random((windows, 1, 1)) < 1 / 6) & (rng.random(observed.shape, np.float32) < 0.05)
     offsets = np.where(moved[..., None], constant_offsets(windows, rng, shortest=0.05), 0)
     offsets = np.where((odd & ~moved)[..., None], ball(observed.shape, 1.0, rng), offsets)
     noisy = (kind == 5)[:, None, None]
-    sigma = np.where(noisy, rng.uniform(0, 0.06, (windows, 1, 1)), 0)[..., None].astype(np.float32)
+    sigma = 0.1 * rng.random((windows, 1, 1)) ** 2 if only == "wrong" else rng.uniform(0, 0.06, (windows, 1, 1))
+    sigma = np.where(noisy, sigma, 0)[..., None].astype(np.float32)
     noise = sigma * rng.standard_normal(positions.shape, np.float32)
     shown = observed & ~hidden
     return positions + offsets.astype(np.float32) + noise, hidden, shown & (moved | odd | noisy)

