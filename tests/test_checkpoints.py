@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -93,7 +94,7 @@ def test_a_folder_of_runs_can_be_searched_by_the_names_of_the_runs(shelf, export
 
 
 def test_what_is_no_checkpoint_is_named(shelf, monkeypatch):
-    there = "convae, runner, sleeper, trajevae, walker, xmae"
+    there = "convae, runner, sleeper, trajevae, walker, xmae, xmae-denoise"
     listed = rf"no network or checkpoint is named 'walkr'.*Installed: {there}; did you mean walker"
     with pytest.raises(InputError, match=listed):
         checkpoints.find("walkr")
@@ -213,6 +214,8 @@ def test_the_config_tells_what_it_is(exported):
         "hidden": 8, "kernel": 5, "masked": 0.3, "turned": True,
     }  # fmt: skip
     assert checkpoint.summary == "1,200 steps of 16 windows in 1 h 30 min on 2 cores (made.corpus)"
+    further = replace(checkpoint, budget=BUDGET | {"began with": "first: 10 steps"})
+    assert further.summary == checkpoint.summary + " from first: 10 steps"
 
 
 def test_the_card_tells_data_licence_budget_and_results(exported):

@@ -39,7 +39,7 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
         "makes motions that go on from a first pose along whatever paths it is given"
         if facts["generative"]
         else "fills what is missing in human motion capture"
-        + ("" if only_fills(facts) else " and judges what is there")
+        + ("" if only_fills(facts) else ", and can rewrite what is there")
     )
     lines = [
         f"---\n{yaml}\n---",

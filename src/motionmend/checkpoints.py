@@ -85,7 +85,8 @@ class Checkpoint:
         hours = f"in {span(told['seconds'])}" if isinstance(told.get("seconds"), int | float) else ""
         machine = f"on {told['machine']}" if told.get("machine") else ""
         corpus = f"({told['corpus']})" if told.get("corpus") else ""
-        return " ".join(part for part in (steps, batch, hours, machine, corpus) if part)
+        began = f"from {told['began with']}" if told.get("began with") else ""
+        return " ".join(part for part in (steps, batch, hours, machine, corpus, began) if part)
 
 
 def folders() -> list[Path]:
