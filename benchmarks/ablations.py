@@ -6,8 +6,8 @@
 The rows are the papers' ablations (Björkstrand et al. 2023, section 5; Kania et al. 2021, tables 4, 6) at a budget that
 is hundreds of times smaller, so that their findings can be looked for in shape. XMAE's begin at the curve through what
 is seen, TrajeVAE's with our options but its own switches: from scratch, so few steps show only who learns first where a
-body's joints are. The errors are those of the quick validation, on validation windows; the time is the training's, as a
-multiple of the first row's. A run that is there already is not trained again.
+body's joints are. The errors are those of the quick validation, on validation windows. A run that is there already is
+not trained again.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def flag(name: str, value: object) -> str:
 
 def trained(
     folder: Path, network: str, training: dict[str, object], fields: dict[str, object], options: argparse.Namespace
-) -> tuple[dict[str, float], float]:
-    """The scores of a run with these fields of the network's options, trained now if it was not yet; its seconds."""
+) -> dict[str, float]:
+    """The scores of a run with these fields of the network's options, trained now if it was not yet."""
     if not (folder / "export").is_dir():
         settings = training | {"steps": options.steps, "seed": options.seed, "validate_every": 0}
         settings |= {"validation_windows": options.windows}
@@ -81,8 +81,7 @@ def trained(
         ]  # fmt: skip
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     lines = [json.loads(line) for line in reversed((folder / "log.jsonl").read_text().splitlines())]
-    scores, seconds = (next(line[key] for line in lines if key in line) for key in ("validation", "seconds"))
-    return scores, seconds
+    return next(line["validation"] for line in lines if "validation" in line)
 
 
 def main() -> None:
@@ -98,15 +97,11 @@ def main() -> None:
     training, shared, rows = TABLES[options.network]
     print(f"{options.network}: {options.steps} steps of {training['batch']} windows each, seed {options.seed}; "
           f"{options.windows} validation windows; {platform.machine()}, torch {torch.__version__}\n")  # fmt: skip
-    first = 0.0
     for number, (name, fields) in enumerate(rows.items()):
-        folder = options.output / f"{number:02}"
-        scores, seconds = trained(folder, options.network, training, shared | fields, options)
+        scores = trained(options.output / f"{number:02}", options.network, training, shared | fields, options)
         if not number:
-            print("| option | " + " | ".join(scores) + " | time |\n|---|" + "---:|" * (len(scores) + 1))
-        first = first or seconds
-        values = [f"{value:.4g}" for value in scores.values()] + [f"{seconds / first:.1f}"]
-        print(f"| {name} | " + " | ".join(values) + " |", flush=True)
+            print("| option | " + " | ".join(scores) + " |\n|---|" + "---:|" * len(scores))
+        print(f"| {name} | " + " | ".join(f"{value:.4g}" for value in scores.values()) + " |", flush=True)
 
 
 if __name__ == "__main__":
