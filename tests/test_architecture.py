@@ -26,7 +26,7 @@ FLOORS = {
     "networks": 2, "denoise": 2,
     "models": 2,
     "datasets": 3, "corpora": 3, "poses": 3, "benchmark": 3, "export": 3, "fused_attention": 2, "card": 3,
-    "training": 4, "network_fill": 2, "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,
+    "training": 4, "network_fill": 2, "varied_fill": 3, "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,
     "composing": 3, "transfer": 3, "blending": 3, "chaining": 3,
     "trajectories": 3, "puppet": 3, "control": 3, "animation": 3, "animation_report": 3, "cli_animate": 5,
     "demo": 4, "cli_options": 5, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5,

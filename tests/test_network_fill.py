@@ -126,6 +126,19 @@ def test_of_several_networks_the_first_that_won_is_taken(monkeypatch):
     assert auto.network_for("markers", 0.9, 20, table) == ""
 
 
+def test_what_no_fill_has_written_is_not_shown_to_the_network(wins):
+    """A gap of more than a second at the end is left as the file has it: with numbers, but none to go by."""
+    motion = walk(60.0)
+    observed = motion.observed.copy()
+    observed[40:70], observed[75:, LIMBS["left_arm"]] = False, False
+    broken = hidden(motion, observed)
+    wrong = np.where(observed[..., None], motion.positions, np.float32(77))
+    choosing = auto.Auto(improve={"xmae": network_fill.required("xmae").improve})
+    ours, theirs = (choosing.complete(each) for each in (broken, replace(broken, positions=wrong)))
+    assert not ours.observed[75:, LIMBS["left_arm"]].any()
+    assert np.array_equal(ours.positions[ours.observed], theirs.positions[ours.observed])
+
+
 def test_network_rows_are_gaps_with_both_ends_of_joints_it_knows(wins):
     motion = walk(60.0)
     observed = motion.observed.copy()
@@ -201,6 +214,16 @@ def test_a_network_rewrites_what_it_knows_and_leaves_what_is_missing(fps):
     seen = motion.observed & (np.arange(len(motion)) > 9)[:, None]  # the take begins with a jump
     lifted = (smooth.positions - motion.positions)[seen]
     np.testing.assert_allclose(lifted, np.broadcast_to(LIFT, lifted.shape), atol=0.02)
+
+
+def test_the_network_that_ships_for_denoising_is_found_by_its_network_name_and_beats_the_filters():
+    clean = walk(60.0)
+    noise = np.random.default_rng(0).normal(0, 0.03, clean.positions.shape).astype(np.float32)
+    noisy = replace(clean, positions=clean.positions + noise)
+    ours, filters = denoise(noisy, "xmae"), [denoise(noisy, each) for each in ("butterworth", "savgol")]
+    left, *others = (float(np.linalg.norm(each.positions - clean.positions, axis=-1).mean())
+                     for each in (ours, *filters))  # fmt: skip
+    assert left < 0.8 * min(others)
 
 
 def test_unknown_ways_to_denoise_name_the_nearest():

@@ -47,6 +47,15 @@ def spoiled(take: mm.Take, mask: np.ndarray) -> mm.Take:
     return take.with_rig(replace(take.rig, rotations=rotations))
 
 
+@pytest.mark.parametrize("start", [0, 150])
+@pytest.mark.parametrize("method", ["auto", "hermite"])
+def test_a_leg_that_is_lost_for_good_is_not_called_repaired(walk, method, start):
+    """Neither turns nor paths can be filled: from 150 on, too, more than a second is missing up to the end."""
+    fixed = mm.repair(walk, lost=[(["LeftUpLeg", "LeftLeg", "LeftFoot"], start, len(walk))], method=method)
+    assert fixed.report.repaired == 0 and not fixed.report.fills
+    assert [(row.start, row.stop) for row in fixed.report.left] == [(start, len(walk))]
+
+
 def test_a_gap_is_filled_as_well_as_by_scipy(cmu):
     """Full gaps of 0.1 to 0.9 s in takes of six kinds: our mean error is at most SciPy's."""
     ours, theirs = [], []

@@ -20,6 +20,9 @@ from .networks import NetworkCompleter, load_completer
 
 Array = np.ndarray
 
+NOBODY = "the network found no person here"
+UNKNOWN = "the network does not know this joint"
+
 
 @lru_cache(maxsize=1)
 def installed() -> dict[str, NetworkFill]:
@@ -31,9 +34,14 @@ def required(name: str) -> NetworkFill:
     """That of this name among the `installed`, or an InputError that says how to get it."""
     found = installed().get(name)
     if found is None:
-        hint = f"put its checkpoint folder where ${checkpoints.PATH_VARIABLE} says, or use --method auto"
-        raise InputError(f"no network named {name!r} is installed", hint=hint)
+        raise absent(name)
     return found
+
+
+def absent(name: str) -> InputError:
+    """What there is to say where no network of this name is installed."""
+    hint = f"put its checkpoint folder where ${checkpoints.PATH_VARIABLE} says, or use --method auto"
+    return InputError(f"no network named {name!r} is installed", hint=hint)
 
 
 @dataclass(frozen=True)
@@ -60,18 +68,27 @@ class NetworkFill(Fill):
         done = self.base.fill_gaps(out, motion, gaps)
         improved = self.improve(out, motion, done)
         method = np.where(improved, self.name, done.method)
-        rest = np.flatnonzero(~improved).tolist()
-        why = "the network does not know this joint" if improved.any() else "the network found no person here"
-        return replace(done, method=method, reasons=done.reasons | dict.fromkeys(rest, why))
+        person = self._mapping(motion).is_person
+        why = self.reasons(done, improved, motion.fps) if person else dict.fromkeys(range(len(gaps)), NOBODY)
+        kept = {row: because for row, because in done.reasons.items() if not improved[row]}
+        return replace(done, method=method, reasons=kept | why)
+
+    def reasons(self, gaps: Gaps, improved: Array, fps: float, unknown: str = UNKNOWN) -> dict[int, str]:
+        """What the report says of a person's gaps, by row. improved : `(gaps,)` bool, those on which it has a word."""
+        del gaps, fps
+        return dict.fromkeys(np.flatnonzero(~improved).tolist(), unknown)
 
     def improve(self, out: Array, motion: Motion, gaps: Gaps) -> Array:
         """Write the network's word into `out (frames, joints, 3)`, on top of what fills have written there.
 
         Returns `(gaps,)` bool: the gaps on which it has a word. `Gaps.method` is "" where nothing was written yet.
         """
-        # What it is not asked for is as good as seen: thousands of dropouts need not all go through the network.
-        seen = motion.observed | (~covered(gaps, motion.observed.shape) & np.isfinite(out).all(axis=-1))
-        own, change = self.answer(replace(motion, positions=out.astype(np.float32), observed=seen))
+        # What it is not asked for, and fills have written, is as good as seen: thousands of dropouts need not all go
+        # through the network.
+        written = np.isfinite(out).all(axis=-1) & (out != motion.positions).any(axis=-1)
+        seen = motion.observed | (written & ~covered(gaps, motion.observed.shape))
+        told = seen | covered(gaps.pick(gaps.method != ""), seen.shape)
+        own, change = self.answer(_told(replace(motion, positions=out.astype(np.float32), observed=seen), told))
         improved = np.zeros(len(gaps), bool)
         for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
             here = slice(start, stop), joint
@@ -83,9 +100,12 @@ class NetworkFill(Fill):
 
     def answer(self, motion: Motion) -> tuple[Array, Array]:
         """Positions `(frames, joints, 3)` of what is not observed, seams met; and their difference from the curves that
-        the network begins at. NaN where it has no word, and all differences where it begins at none."""
-        points = np.where(motion.observed[..., None], motion.positions, np.float32(np.nan))
-        mapping = self.mapping or map_rig(motion.skeleton, points)
+        the network begins at. NaN where it has no word, and all differences where it begins at none.
+
+        motion : where it is not observed it holds what fills say, NaN where they say nothing.
+        """
+        points = _told(motion, motion.observed).positions
+        mapping = self._mapping(motion)
         nothing = np.full(motion.positions.shape, np.nan)
         if not mapping.is_person:
             return nothing, nothing
@@ -97,6 +117,9 @@ class NetworkFill(Fill):
         values = np.where((whole.observed & ~motion.observed)[..., None], whole.positions, np.nan)
         change = values - curves.positions if curves else nothing
         return meet_seams(values, points, motion.observed, motion.fps), change
+
+    def _mapping(self, motion: Motion) -> Mapping:
+        return self.mapping or map_rig(motion.skeleton, _told(motion, motion.observed).positions)
 
     def _curves(self) -> NetworkCompleter | None:
         """A network that answers nothing but the curves; None where this one does not begin at curves."""
@@ -115,7 +138,7 @@ class NetworkFill(Fill):
         """
         assert before.rig is not None and filled.rig is not None
         seen = replace(filled.rig, trusted=before.rig.trusted | (filled.rig.trusted & ~wanted)).observed()
-        own, change = self.answer(replace(filled.motion, observed=seen))
+        own, change = self.answer(replace(_told(filled.motion, filled.motion.observed), observed=seen))
         improved = (filled.motion.observed & ~seen)[..., None] & np.isfinite(change)
         targets = np.where(improved, filled.motion.positions + change, own)
         there = np.asarray(np.isfinite(targets).all(axis=-1))
@@ -131,3 +154,8 @@ class NetworkFill(Fill):
         # Differences die away at the seams by themselves; what fills had left open has yet to meet them.
         rig = meet_rig_seams(posed.rig, replace(posed.rig, trusted=filled.rig.trusted), before.fps)
         return filled.with_rig(replace(rig, trusted=filled.rig.trusted | where)), where
+
+
+def _told(motion: Motion, where: Array) -> Motion:
+    """The motion with NaN for all but these of its positions."""
+    return replace(motion, positions=np.where(where[..., None], motion.positions, np.float32(np.nan)))

@@ -256,7 +256,9 @@ class GenerativeCompleter(NetworkCompleter):
         ways = self._in_batches(positions, observed, {"noise": noise})[:, 1:]
         return ways.reshape(len(pose), count, *ways.shape[1:])
 
-    def sample(self, motion: Motion, n: int, seed: int, mapping: Mapping | None = None) -> list[Motion]:
+    def sample(
+        self, motion: Motion, n: int, seed: int | Sequence[int], mapping: Mapping | None = None
+    ) -> list[Motion]:
         """`n` ways in which a take may go on from its first frame, along whatever is observed after it.
 
         Observed samples come back bit for bit in all of them. A take longer than a window goes on from a pose near the

@@ -106,7 +106,7 @@ def puppet(take: Take, frame: int, frames: int, mapping: Mapping) -> Puppet:
     """The puppet of a take's pose in `frame`, for `frames` frames. The mapping must be a person's."""
     joints = np.array(mapping.joints)
     body = to_body(take.motion, mapping)
-    pose = _whole(body.positions[frame].astype(float), body.observed[frame])
+    pose = whole(body.positions[frame].astype(float), body.observed[frame])
     lacking = tuple(name for name, there in zip(BODY.names, body.observed[frame]) if not there)
     still = held(take, frame, frames)
     if take.rig is None:
@@ -146,7 +146,7 @@ def _mover(rig: Rig, hips: int) -> int:
     return hips
 
 
-def _whole(pose: Array, there: Array) -> Array:
+def whole(pose: Array, there: Array) -> Array:
     """A pose `(J, 3)` in which joints that are not `there (J,)` stand to their neighbours as in a standing body."""
     rest, out = STANDING.astype(float) + UPRIGHT, pose.copy()
     known = np.flatnonzero(there)

@@ -23,6 +23,7 @@ from .progress import Stage, silent
 from .ranges import Lost, Range, mask_of, parse_frames
 from .report import Denoised, Filled, Report
 from .rigfills import fill_rig
+from .varied_fill import GENERATIVE, must_vary, varied
 
 KEEP_SECONDS = 0.2  # gaps of points longer than this keep the lengths of bones
 STEADY_METRES = 0.002  # bones that vary more than this have no length to keep
@@ -41,6 +42,8 @@ def repair(
     denoise: str | None = None,
     cutoff: float = 6.0,
     plant_feet: bool = False,
+    seed: int = 0,
+    variant: int = 1,
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> Take:
@@ -53,13 +56,15 @@ def repair(
         channels these are the joints' own channels; what hangs on them moves with them.
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
-    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae" (the network), or "auto".
+    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae" or "convae" (networks),
+        "trajevae" (one plausible way of many), or "auto".
     donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
         formats that can say so; with `keep_longer` they stay as the file has them.
     denoise : "savgol", "butterworth", or a network such as "xmae": smooth the whole take afterwards. cutoff : of
         "butterworth", Hz.
     plant_feet : hold feet still where they stand inside repaired frames.
+    seed, variant : of "trajevae", from 0 on and from 1 on: which of the ways. The same two give the same bits.
     map : overrides of the rig's mapping: BODY name → name in the file, or a TOML file of such lines.
     stage : called with what is done next, for progress.
 
@@ -69,8 +74,10 @@ def repair(
 
     Raises
     ------
-    InputError : for names or ranges the take does not have, and if nothing in it can be trusted.
+    InputError : for names or ranges the take does not have, for variants of a method that has one answer, and if
+        nothing in the take can be trusted.
     """
+    must_vary(method, variant, seed)
     asked = mask_of(take, gaps, lost)
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     findings, whole, wrong = (), take, asked | ~take.trusted
@@ -102,7 +109,7 @@ def repair(
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
     stage("filling gaps")
-    filled, done = fill(damaged, method, donors, legs, mapping)
+    filled, done = fill(damaged, method, donors, legs, mapping, seed, variant)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
     not_named = wrong & ~asked if only_asked else np.zeros_like(wrong)
     filled = _put_back(filled, whole, calibration | not_named)
@@ -135,6 +142,8 @@ def repair(
         checks=checked,
         notes=take.notes,
         denoised=denoised,
+        seed=seed if method in GENERATIVE else None,
+        variant=variant if method in GENERATIVE else None,
     )
     return replace(filled, report=report)
 
@@ -145,63 +154,85 @@ def fill(
     donors: Sequence[str] = (),
     legs: Sequence[feet.Leg] = (),
     mapping: Mapping | None = None,
+    seed: int = 0,
+    variant: int = 1,
 ) -> tuple[Take, Gaps]:
     """The take with its untrusted samples filled, and its gaps with the method of each.
 
     legs : joints of whole legs (`feet.legs`), to be aimed at their joints' paths where one was lost alone.
-    mapping : for the network, which joint is which.
+    mapping : for the network, which joint is which. seed, variant : of a generative network's way.
     """
-    if method not in (names := ["auto", *auto.NETWORK_WINS, *FILLS]):
+    if method not in (names := ["auto", *auto.NETWORK_WINS, *GENERATIVE, *FILLS]):
         raise InputError(f"no method is named {method!r}", hint=nearest_names(method, names))
     for name in donors:
         take.skeleton.index(name)
-    seen = np.where(take.motion.observed[..., None], take.motion.positions, np.nan)
-    mapping = mapping or map_rig(take.skeleton, seen)
-    if take.rig is None:
-        motion, gaps = _completer(method, donors, mapping).fill(take.motion)
-        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
-    if donors:
+    if donors and take.rig is not None:
         found = "donors were named for a take of channels, whose joints follow their parents"
         raise InputError(found, where=take.source, hint="leave --donors out")
-    if method in auto.NETWORK_WINS:
-        network_fill.required(method)
+    seen = np.where(take.motion.observed[..., None], take.motion.positions, np.nan)
+    mapping = mapping or map_rig(take.skeleton, seen)
+    networks = _networks(method, mapping, seed, variant)
+    if take.rig is None:
+        motion, gaps = _completer(method, donors, mapping, networks).fill(take.motion)
+        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
     chosen = auto.rig_methods if method not in FILLS else method
     rig, gaps = fill_rig(take.rig, take.fps, chosen)
     filled = _feet_on_their_paths(take, take.with_rig(rig), method, legs)
-    return _by_network(take, filled, gaps, method, mapping)
+    if method in GENERATIVE:
+        filled, gaps = _by_network(take, filled, gaps, "auto", mapping, _networks("auto", mapping))
+    return _by_network(take, filled, gaps, method, mapping, networks)
 
 
-def _completer(method: str, donors: Sequence[str], mapping: Mapping) -> Fill:
-    if method in auto.NETWORK_WINS:
-        return replace(network_fill.required(method), mapping=mapping, base=auto.Auto(tuple(donors), mapping))
+def _networks(method: str, mapping: Mapping, seed: int = 0, variant: int = 1) -> dict[str, network_fill.NetworkFill]:
+    """By name the network that is asked for, or all those that `auto` may take."""
+    if method in FILLS:
+        return {}
+    if method in GENERATIVE:
+        found = {method: varied(method, seed, variant)}
+    else:
+        found = network_fill.installed() if method == "auto" else {method: network_fill.required(method)}
+    return {name: replace(network, mapping=mapping) for name, network in found.items()}
+
+
+def _completer(
+    method: str, donors: Sequence[str], mapping: Mapping, networks: dict[str, network_fill.NetworkFill]
+) -> Fill:
     if method == "auto":
-        networks = network_fill.installed()
-        improve = {name: replace(network, mapping=mapping).improve for name, network in networks.items()}
+        improve = {name: network.improve for name, network in networks.items()}
         return auto.Auto(tuple(donors), mapping, improve)
+    if method in networks:
+        base = _networks("auto", mapping) if method in GENERATIVE else {}
+        return replace(networks[method], base=_completer("auto", donors, mapping, base))
     chosen = FILLS[method]
     return replace(chosen, donors=tuple(donors)) if isinstance(chosen, DonorFill) else chosen
 
 
-def _by_network(take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapping) -> tuple[Take, Gaps]:
+def _by_network(
+    take: Take, filled: Take, gaps: Gaps, method: str, mapping: Mapping, networks: dict[str, network_fill.NetworkFill]
+) -> tuple[Take, Gaps]:
     """A take of channels with those gaps by the network that were asked of it, or that are better left to it."""
-    networks = network_fill.installed() if method not in FILLS and mapping.is_person else {}
     if not networks or take.rig is None:
         return filled, gaps
+    if not mapping.is_person:
+        nobody = {} if method == "auto" else dict.fromkeys(range(len(gaps)), network_fill.NOBODY)
+        return filled, replace(gaps, reasons=gaps.reasons | nobody)
     kinds, chosen = auto.rig_kinds(take.rig, gaps), dict.fromkeys(range(len(gaps)), method)
     if method == "auto":
         chosen = auto.network_rows(gaps, kinds, take.trusted, take.fps, mapping, networks)
     method_of, reasons = gaps.method.copy(), dict(gaps.reasons)
     for name in dict.fromkeys(chosen.values()):
-        rows = [row for row, other in chosen.items() if other == name]
-        wanted = covered(gaps.pick(np.array(rows)), take.trusted.shape)
-        filled, decided = replace(networks[name], mapping=mapping).fill_take(take, filled, wanted)
-        for row in rows:
-            if decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all():
-                method_of[row] = name
-                if method == "auto":
-                    reasons[row] = auto.network_reason(name, kinds[row], float(gaps.length[row] / take.fps))
-            elif method == name:
-                reasons[row] = "no joint that the network knows hangs on it"
+        rows = np.array([row for row, other in chosen.items() if other == name])
+        wanted = covered(gaps.pick(rows), take.trusted.shape)
+        filled, decided = networks[name].fill_take(take, filled, wanted)
+        done = np.zeros(len(gaps), bool)
+        for row in rows.tolist():
+            done[row] = decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all()
+            if done[row] and method == "auto":
+                reasons[row] = auto.network_reason(name, kinds[row], float(gaps.length[row] / take.fps))
+        if method == name:
+            reasons = {row: why for row, why in reasons.items() if not done[row]}
+            reasons |= networks[name].reasons(gaps, done, take.fps, "no joint that the network knows hangs on it")
+        method_of[done] = name
     return filled, replace(gaps, method=method_of, reasons=reasons)
 
 
@@ -215,7 +246,9 @@ def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence
     where, follow = np.zeros((2, *before.trusted.shape), bool)
     for thigh, shin, foot, toe in legs:
         turning = [thigh, shin, foot]
+        # A leg that is lost for good has no paths, and its turns were not filled either.
         alone = ~before.trusted[:, turning].any(axis=1) & before.motion.observed[:, thigh]
+        alone &= filled.trusted[:, turning].all(axis=1)
         where[:, turning] |= alone[:, None]
         follow[:, [shin, foot, max(toe, foot)]] |= alone[:, None]
     if not where.any():
@@ -292,7 +325,7 @@ def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
         return f"nothing is known {side} it{how}"
     if asked == "auto":
         return gaps.reasons.get(row, kind)
-    if asked in auto.NETWORK_WINS:
+    if asked not in FILLS:
         return gaps.reasons.get(row, "as asked")
     return "as asked" if method == asked else f"no donors for {asked}"
 

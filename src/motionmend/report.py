@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,7 @@ class Report:
     fills : what was filled, and by which method and why; left : what was not, and why.
     checks : name → {value, unit, ok, …}: samples changed outside, seams, bone lengths, feet; before denoising.
     denoised : what denoising did to every sample afterwards, if it was asked for.
+    seed, variant : which of the ways to fill this is, for a method that knows several.
     """
 
     source: str
@@ -94,6 +95,8 @@ class Report:
     notes: tuple[str, ...] = ()
     denoised: Denoised | None = None
     output: str = ""
+    seed: int | None = None
+    variant: int | None = None
 
     def to_json(self) -> str:
         return to_json(asdict(self))
@@ -104,6 +107,7 @@ class Report:
             f"{self.source}: {self.format.upper()}, {self.frames} frames at {self.fps:g} fps",
             f"  units: {self.units}",
             *(f"  note: {note}" for note in self.notes),
+            *([f"  variant {self.variant} of seed {self.seed}"] if self.variant else []),
         ]
         if self.findings:
             lines += ["", "found", findings_table(self.findings)]
@@ -124,6 +128,32 @@ class Report:
             rest = f"then the whole take denoised by {self.denoised.method}, as asked"
         lines += ["", f"{self.repaired} of {self.samples} samples repaired ({share:.2f} %), {rest}"]
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Variants:
+    """The reports of several ways in which one take was repaired."""
+
+    reports: tuple[Report, ...]
+
+    def to_json(self) -> str:
+        return to_json({"source": self.reports[0].source, "variants": [asdict(each) for each in self.reports]})
+
+    def __str__(self) -> str:
+        """The first one's tables, and the checks of each; what was found and filled is the same in all of them."""
+        first = self.reports[0]
+        told = [(str(each.variant), *_checked(each.checks)) for each in self.reports]
+        head = ("variant", *first.checks, "")
+        lines = [str(replace(first, variant=None, checks={}))]
+        lines += ["", f"checks of {len(told)} variants, seed {first.seed}", table(head, told)] if first.checks else []
+        return "\n".join(lines)
+
+
+def _checked(checks: dict[str, Any]) -> list[str]:
+    values = [
+        "–" if check["value"] is None else f"{check['value']:.3g} {check['unit']}" for check in checks.values()
+    ]
+    return [*values, "ok" if all(check["ok"] for check in checks.values()) else "LOOK"]
 
 
 def to_json(value: Any) -> str:
