@@ -21,6 +21,8 @@ FPS = 50.0  # of the windows of the protocol that samples; only how fast correct
 def constrained(method: Method) -> Method:
     """The method, whose every sample is posed on a rig of the start pose's bones and led onto the given paths.
 
+    That takes half a second a sample, so only one is asked for.
+
     Raises
     ------
     InputError : if the method does not sample.
@@ -35,8 +37,8 @@ def constrained(method: Method) -> Method:
             out[window] = mended(pose[window], trajectories[window], given[window], out[window])
         return out
 
-    about = "its samples with bones as long as in the pose and given joints led onto their paths, as animate does"
-    return replace(method, name=method.name + CONSTRAINED, sample=sample, about=about, fill=None, restore=None)
+    about = "its one sample with bones as long as in the pose and given joints led onto their paths, as animate does"
+    return replace(method, name=method.name + CONSTRAINED, sample=sample, most=1, about=about, fill=None, restore=None)
 
 
 def mended(pose: Array, paths: Array, given: Array, samples: Array) -> Array:

@@ -35,6 +35,7 @@ class Method:
     restore : `(positions, observed, fps, skeleton) -> positions`, may rewrite every sample (filters, networks;
         "none" rewrites nothing).
     sample : `(pose (B, J, 3), trajectories (B, T, J, 3), given (B, T, J), count K, seed) -> (B, K, T, J, 3)`.
+    most : how many samples may be asked of it for each window, where more would take hours; None for any number.
     about : what it is, for the table's footnote. budget : what a network was trained with.
     """
 
@@ -44,6 +45,11 @@ class Method:
     sample: Samples | None = None
     about: str = ""
     budget: str = ""
+    most: int | None = None
+
+    def samples(self, count: int) -> bool:
+        """Whether it can be asked for so many samples of each window."""
+        return self.sample is not None and (self.most is None or count <= self.most)
 
 
 def find(name: str, train: Corpus | None = None) -> Method:
