@@ -61,7 +61,7 @@ NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
         "extremity": (0.4, 2.5, 12),
         "all points": (0.4, 1.6, 0),
         "leg joints": (0.4, 2.5, 12),
-        "joints": (0.6, 2.5, 12),
+        "joints": (0.4, 2.5, 12),
     },
     "convae": {
         "body": (1.6, 6.0, 0),
