@@ -47,7 +47,7 @@ class Method:
     budget: str = ""
     most: int | None = None
 
-    def samples(self, count: int) -> bool:
+    def can_sample(self, count: int) -> bool:
         """Whether it can be asked for so many samples of each window."""
         return self.sample is not None and (self.most is None or count <= self.most)
 
