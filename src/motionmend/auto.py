@@ -52,20 +52,23 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
 }
 
 # network -> kind -> from so many seconds, and below so many, an installed network of this name did better than any fill
-# and any network before it here, if it saw so many joints of the body.
+# and any network before it here, if it saw so many joints of the body. A "leg" is a limb: what it does follows from the
+# rest of the body and the floor, and an arm does as it likes.
 NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
     "xmae": {
         "body": (0.4, 1.6, 0),
         "limb": (0.4, 1.6, 12),
+        "leg": (0.4, 2.5, 12),
         "lower limb": (0.4, 1.6, 12),
         "extremity": (0.4, 2.5, 12),
         "all points": (0.4, 1.6, 0),
-        "leg joints": (0.4, 2.5, 12),
+        "leg joints": (0.4, 4.0, 12),
         "joints": (0.4, 2.5, 12),
     },
     "convae": {
         "body": (1.6, 6.0, 0),
         "limb": (1.6, 6.0, 12),
+        "leg": (2.5, 6.0, 12),
         "all points": (1.6, 6.0, 0),
         "joints": (2.5, 6.0, 12),
     },
@@ -207,7 +210,9 @@ def network_rows(
     rows = np.flatnonzero(np.isin(gaps.joint, known) & ~gaps.is_edge & ~gaps.is_blank).tolist()
     hidden = np.cumsum(np.pad(~observed[:, known], ((1, 0), (0, 0))), axis=0)
     seen = (hidden[gaps.stop] == hidden[gaps.start]).sum(axis=1)
-    chosen = {row: network_for(kinds[row], float(gaps.length[row] / fps), int(seen[row]), there) for row in rows}
+    legs = _legs(mapping)
+    lost = ["leg" if kind == "limb" and joint in legs else kind for kind, joint in zip(kinds, gaps.joint.tolist())]
+    chosen = {row: network_for(lost[row], float(gaps.length[row] / fps), int(seen[row]), there) for row in rows}
     return {row: name for row, name in chosen.items() if name}
 
 
@@ -215,11 +220,16 @@ def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> l
     """Each gap's kind, for a motion of points; `mapping` tells which are a leg's."""
     kinds = np.full(len(motion.skeleton), "joints" if motion.skeleton.has_bones else "markers", "U12")
     if motion.skeleton.has_bones and mapping:
-        legs = [mapping.joints[joint] for side in ("left_leg", "right_leg") for joint in LIMBS[side]]
-        kinds[[joint for joint in legs if joint >= 0]] = "leg joints"
+        kinds[_legs(mapping)] = "leg joints"
     seen = np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
     alone = seen[gaps.stop] == seen[gaps.start]
     return np.where(alone, "all points", kinds[gaps.joint]).tolist()
+
+
+def _legs(mapping: Mapping) -> list[int]:
+    """A person's thighs, shins, feet and toes, those that the rig has."""
+    legs = [mapping.joints[joint] for side in ("left_leg", "right_leg") for joint in LIMBS[side]]
+    return [joint for joint in legs if joint >= 0]
 
 
 def rig_methods(rig: Rig, gaps: Gaps, fps: float) -> Array:
