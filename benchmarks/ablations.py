@@ -4,7 +4,7 @@
     python benchmarks/ablations.py trajevae --corpus cmu50.corpus reactidle50.corpus -o runs/ablations50
 
 The rows are the papers' ablations (Björkstrand et al. 2023, section 5; Kania et al. 2021, tables 4, 6) at a budget that
-is hundreds of times smaller, so that their findings can be looked for in shape. XMAE's begin at the curve through what
+is a thousand times smaller, so that their findings can be looked for in shape. XMAE's begin at the curve through what
 is seen, TrajeVAE's with our options but its own switches: from scratch, so few steps show only who learns first where a
 body's joints are. The errors are those of the quick validation, on validation windows. A run that is there already is
 not trained again.

@@ -248,8 +248,7 @@ class GenerativeCompleter(NetworkCompleter):
         pose : `(B, J, 3)`, the first frames.
         trajectories : `(B, T - 1, J, 3)`, not read where not `given (B, T - 1, J)`.
         """
-        positions = np.concatenate([pose[:, None], trajectories], axis=1)
-        observed = np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
+        positions, observed = begun(pose, trajectories, given)
         noise = self._noise(np.random.default_rng(seed), count, len(pose))
         noise = noise.swapaxes(0, 1).reshape(-1, self.description.noise_size)
         positions, observed = np.repeat(positions, count, axis=0), np.repeat(observed, count, axis=0)
@@ -369,6 +368,12 @@ def load_completer(name_or_path: str | os.PathLike) -> NetworkCompleter:
     """
     found = checkpoints.load(name_or_path)
     return completer(found.description, Graph(found.path / checkpoints.GRAPH), name=found.name, budget=found.summary)
+
+
+def begun(pose: Array, trajectories: Array, given: Array) -> tuple[Array, Array]:
+    """Windows `(B, T, J, 3)` and what is observed in them: a first pose, all of it, and what is given after it."""
+    positions = np.concatenate([pose[:, None], trajectories], axis=1)
+    return positions, np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
 
 
 def placed(motion: Motion, joints: Array, values: Array, where: Array) -> Motion:

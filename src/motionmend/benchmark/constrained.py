@@ -12,10 +12,9 @@ from ..errors import InputError
 from ..motion import Motion, Take, Units
 from ..puppet import puppet
 from .methods import CONSTRAINED, Method
+from .trajevae import PROTOCOL
 
 Array = np.ndarray
-
-FPS = 50.0  # of the windows of the protocol that samples; only how fast corrections come and go hangs on it
 
 
 def constrained(method: Method) -> Method:
@@ -43,11 +42,11 @@ def constrained(method: Method) -> Method:
 
 def mended(pose: Array, paths: Array, given: Array, samples: Array) -> Array:
     """`samples (K, T, J, 3)` after `pose (J, 3)`, along `paths (T, J, 3)` where `given (T, J)`, all in metres."""
-    body = Motion(pose[None].astype(np.float32), np.ones((1, len(BODY)), bool), FPS, BODY)
+    body = Motion(pose[None].astype(np.float32), np.ones((1, len(BODY)), bool), PROTOCOL.fps, BODY)
     take = Take(body, None, None, Units(1.0, "y", ""), "npz", "")
     held = puppet(take, 0, 1 + len(paths), map_rig(BODY))
     points, told = np.concatenate([pose[None], paths]).astype(float), np.concatenate([given[:1], given])
     nothing = np.zeros(len(BODY))
-    asked = Asked(held, (), FPS, points, told, nothing, nothing.astype(int))
+    asked = Asked(held, (), PROTOCOL.fps, points, told, nothing, nothing.astype(int))
     posed = [asked.mended(np.concatenate([pose[None], one]).astype(float), False, False) for one in samples]
     return np.stack([each.motion.positions[1:, held.joints] for each in posed]).astype(np.float32)

@@ -100,10 +100,10 @@ def of_completer(name: str, completer: NetworkCompleter) -> Method:
 
     def answer(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
         """What a network that is not generative makes of a pose and paths: its one answer, for every sample."""
+        from ..networks import begun
+
         del seed
-        positions = np.concatenate([pose[:, None], trajectories], axis=1)
-        observed = np.concatenate([np.ones_like(given[:, :1]), given], axis=1)
-        once = completer.windows(positions, observed)[:, None, 1:]
+        once = completer.windows(*begun(pose, trajectories, given))[:, None, 1:]
         return np.broadcast_to(once, (len(once), count, *once.shape[2:])).copy()
 
     about = "network: raw prediction; as a fill, with the observed samples put back"
