@@ -9,9 +9,9 @@ from motionmend.checkpoints import Description
 from motionmend.networks import GenerativeCompleter
 
 
-def follower(fps=50.0, frames=101, sway=0.03, late=0.9, grows=0.03) -> GenerativeCompleter:
+def follower(fps=50.0, frames=101, sway=0.03, late=0.9, grows=0.03, rises=0.0) -> GenerativeCompleter:
     """A body that goes along with the mean of what it is given, not far enough; its bones grow, and it sways as the
-    noise says. So it has both of the faults that are mended, and others."""
+    noise says. So it has both of the faults that are mended, and others; `rises` is by how many metres in a window."""
 
     def run(inputs):
         pose, paths, given, noise = (inputs[name] for name in ("pose", "trajectories", "given", "noise"))
@@ -26,6 +26,7 @@ def follower(fps=50.0, frames=101, sway=0.03, late=0.9, grows=0.03) -> Generativ
         away = np.linspace(0, 1, len(BODY))[:, None] * [1, 0.2, -0.5]
         hips = pose[:, None, :1]
         grown = hips + (pose[:, None] - hips) * (1 + grows * clock[None, :, None, None])
+        grown[..., 1] += rises * clock[None, :, None]
         return (grown + gone + sway * waves[..., None, None] * away).astype(np.float32)
 
     return GenerativeCompleter(Description("follower", "first_pelvis", fps, frames, BODY, True, 4), run)

@@ -130,6 +130,31 @@ def test_a_path_that_begins_elsewhere_is_joined(walk):
 # Variants
 
 
+def lowest(take: Take) -> np.ndarray:
+    """Height of the lower ball of a foot, frame by frame."""
+    return take.motion.positions[:, [take.skeleton.index(f"{side}ToeBase") for side in ("Left", "Right")], 1].min(1)
+
+
+@pytest.mark.parametrize("rises", [0.3, -0.3])
+def test_who_floats_or_sinks_is_put_back_on_the_ground(walk, rises):
+    made, raw = (
+        animated(walk, seconds=4, network=follower(sway=0, grows=0, rises=rises), raw_floor=flag)[0]
+        for flag in (False, True)
+    )
+    assert abs(lowest(raw)[-1] - lowest(raw)[0]) > 0.4
+    assert abs(lowest(made) - lowest(made)[0]).max() < 0.06
+    assert abs(lowest(made) - lowest(made)[0])[60:-72].max() < 0.02  # at the end it may be a jump that goes on
+    told, as_it_is = (each.report.variants[0] for each in (made, raw))
+    assert told.network_floor[1] > 400 and told.floor[1] < 60 and as_it_is.floor[1] > 400
+
+
+def test_paths_of_the_hips_say_how_high_they_are(walk):
+    up = path_of(walk, "Hips", FRAME, FRAME + 240)
+    up[:, 1] += np.linspace(0, 0.5, len(up))
+    (made,) = animated(walk, {"Hips": up}, network=follower(sway=0, grows=0))
+    assert off(made, "Hips", up).max() < 5
+
+
 def test_the_same_seed_gives_the_same_bits(walk):
     path = {"RightHand": path_of(walk, "RightHand")}
     one, same, other = (animated(walk, path, samples=2, seed=seed) for seed in (7, 7, 8))
@@ -281,7 +306,7 @@ def test_hips_that_move_below_a_root_that_does_not(bandai):
 def test_raw_is_the_network_s_own_word(walk):
     path = {"LeftHand": path_of(walk, "LeftHand")}
     raw, loose, off_path, mended = (
-        animated(walk, path, raw_bones=bones, raw_paths=paths)[0]
+        animated(walk, path, raw_bones=bones, raw_paths=paths, raw_floor=True)[0]
         for bones, paths in ((True, True), (True, False), (False, True), (False, False))
     )
     assert raw.skeleton == loose.skeleton == BODY and raw.rig is None

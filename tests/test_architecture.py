@@ -23,7 +23,7 @@ FLOORS = {
     "gaps": 1, "curves": 1, "donors": 1, "fills": 1, "rigfills": 1, "auto": 1,
     "aiming": 2, "constraints": 2, "feet": 2, "fitting": 2,
     "corpus": 2, "corpus_writer": 2, "footing": 2, "windows": 2, "rows": 2, "spaces": 2, "checkpoints": 2,
-    "networks": 2, "denoise": 2,
+    "networks": 2, "runtimes": 2, "denoise": 2,
     "models": 2,
     "datasets": 3, "corpora": 3, "poses": 3, "benchmark": 3, "export": 3, "fused_attention": 2, "card": 3,
     "training": 4, "network_fill": 2, "varied_fill": 3, "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,

@@ -95,3 +95,29 @@ def test_a_long_take_needs_little_memory():
     assert filled.observed.all()
     np.testing.assert_allclose(filled.positions[~observed], truth.positions[~observed], atol=1e-3)
     assert peak < 12 * motion.positions.nbytes
+
+
+def test_in_a_long_gap_the_way_is_the_coarse_one_and_the_poses_are_those_of_one_crossing():
+    """A network that at lower rates makes a detour, nodding, and answers the curve where it sees all at once."""
+
+    def wanders(inputs):
+        out, known = inputs["rows"].copy(), inputs["known"][..., -1]
+        if out.shape[1] <= 240:
+            for rows, there in zip(out, known):
+                gap = np.flatnonzero(~there)
+                rows[gap, 3 + 3 * JOINT["head"] + 1] -= 0.3
+                rows[gap, -3] += 0.02 * np.sign(gap.mean() - gap)
+        return out
+
+    description = checkpoints.Description("rows", "body_rows", 60.0, 240, BODY, any_length=True)
+    coarse, plain = (networks.completer(description, run) for run in (wanders, lambda inputs: inputs["rows"]))
+    truth = gliding(10, 60.0)
+    observed = truth.observed.copy()
+    observed[180:420] = False
+    filled, curve = (each.complete(hidden(truth, observed)).positions for each in (coarse, plain))
+    np.testing.assert_allclose(curve, truth.positions, atol=0.01)
+    detour = np.linalg.norm((filled - curve)[:, JOINT["hips"], ::2], axis=-1)
+    assert detour[300] > 0.5 and detour[[180, 419]].max() < 0.05
+    assert np.array_equal(filled[observed], truth.positions[observed])
+    over_hips = [each[:, JOINT["head"], 1] - each[:, JOINT["hips"], 1] for each in (filled, curve)]
+    np.testing.assert_allclose(*over_hips, atol=0.01)

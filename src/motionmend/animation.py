@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from . import checkpoints, windows
-from .animation_report import AnimationReport, Controlled, Seam, Variant, stretch
-from .body import BODY, Mapping, map_rig, read_map, to_body
+from .animation_report import AnimationReport, Controlled, Seam, Variant, off_ground, stretch
+from .body import BODY, JOINT, Mapping, map_rig, read_map, to_body
 from .constraints import meet_seams
-from .control import FADE, TOLERANCE, carried, meet
+from .control import FADE, LEADING, TOLERANCE, carried, meet
 from .errors import InputError
+from .footing import grounded
 from .motion import Motion, Take, Units
 from .networks import GenerativeCompleter, load_completer
 from .progress import Stage, silent
@@ -48,6 +49,7 @@ def animate(
     network: str | os.PathLike | GenerativeCompleter = NETWORK,
     raw_paths: bool = False,
     raw_bones: bool = False,
+    raw_floor: bool = False,
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> list[Take]:
@@ -64,7 +66,7 @@ def animate(
     seed : of the noise; variant k of a seed is the same bits however many are asked for.
     network : a generative network's name or folder, or the network itself.
     raw_paths : leave given joints where the network puts them. raw_bones : leave bones as long as it makes them; the
-        result then has BODY's 21 joints as points.
+        result then has BODY's 21 joints as points. raw_floor : let the body float or sink as it does there.
     map : overrides of the rig's mapping, as for `repair`.
     stage : called with what is done next, for progress.
 
@@ -104,7 +106,7 @@ def animate(
         stage(f"variant {number} of {samples}" if samples > 1 else "animating")
         again = None if raw_bones else puppet(take, frame, 2, mapping)
         own = asked.answered(completer, (seed, number), spread, again, raw_paths)
-        result = asked.mended(own, raw_paths, raw_bones)
+        result = asked.mended(own, raw_paths, raw_bones, raw_floor)
         variant = asked.measured(number, own, result, completer, raw_bones)
         report = AnimationReport(
             source=Path(take.source).name, format=take.format, frame=frame, frames=count, fps=take.fps,
@@ -238,8 +240,11 @@ class Asked:
         own[0] = self.held.pose
         return own
 
-    def mended(self, own: Array, raw_paths: bool, raw_bones: bool) -> Take:
-        """The puppet posed as the network has it, its bones kept and the given paths met unless they are to be raw."""
+    def mended(self, own: Array, raw_paths: bool, raw_bones: bool, raw_floor: bool) -> Take:
+        """The puppet posed as the network has it, its bones kept, the given paths met and a foot on the ground unless
+        they are to be raw. Where paths say where the body is, they say how high it is too."""
+        if not (raw_floor or self.given[:, [JOINT[name] for name in LEADING]].any()):
+            own = grounded(own, self.held.ground, self.fps, JOIN)
         real = own if raw_bones else self.held.in_proportion(own)
         wanted = own if raw_paths else carried(own, real, self.points, self.given, self.fps)
         if not raw_bones:
@@ -268,12 +273,13 @@ class Asked:
             control.append(replace(told, part=BODY.names[at], begins=begins))
         bones, pose = self.held.bones, self.held.pose
         stretches = stretch(own, pose, bones), stretch(now, pose, bones)
+        floors = off_ground(own, self.held.ground), off_ground(now, self.held.ground)
         ours = math.ceil((len(own) - 1) * completer.fps / self.fps) + 2
         starts = np.array(completer.starts(ours)[1:])
         first, last = (np.round(each * self.fps / completer.fps).astype(int).tolist()
                        for each in (starts, starts + completer.frames // 4))  # fmt: skip
         changes = [(start, stop) for start, stop in zip(first, last) if start < len(own)]
-        return Variant(number, tuple(control), *stretches, Seam.of(now[:, joints >= 0], changes))
+        return Variant(number, tuple(control), *stretches, *floors, Seam.of(now[:, joints >= 0], changes))
 
 
 def _led(points: Array, given: Array, pose: Array, seconds: Array, fps: float) -> Array:

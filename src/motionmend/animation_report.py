@@ -11,6 +11,7 @@ from . import metrics
 from .body import BODY
 from .constraints import SEAM_FLOOR, SEAM_SLACK
 from .control import TOLERANCE
+from .footing import above_ground
 from .motion import runs
 from .report import table, to_json
 
@@ -86,12 +87,15 @@ class Seam:
 @dataclass(frozen=True)
 class Variant:
     """One animation. network_bones, bones : by how much bones are longer or shorter than in the pose, % of their
-    length, mean and greatest, as the network has it and as it is now. output : its file."""
+    length, mean and greatest, as the network has it and as it is now. network_floor, floor : how far the lowest foot is
+    above or below where it would stand, mm, mean and greatest, the same way. output : its file."""
 
     number: int
     control: tuple[Controlled, ...]
     network_bones: tuple[float, float]
     bones: tuple[float, float]
+    network_floor: tuple[float, float]
+    floor: tuple[float, float]
     seam: Seam | None
     output: str = ""
 
@@ -141,14 +145,14 @@ class AnimationReport:
             if path.joined:
                 lines.append(f"  {path.joint}: its path begins {path.begins:.0f} mm from the pose, and is joined "
                              f"by frame {path.joined}")  # fmt: skip
-        head = ("variant", "bones' stretch, network", "now", "step where windows join", "")
+        head = ("variant", "bones' stretch, network", "now", "lowest foot off the ground, network", "now",
+                "step where windows join", "")  # fmt: skip
         lines += ["", "checks", table(head, [_check_row(variant) for variant in self.variants])]
         return "\n".join(lines)
 
 
 def _path_row(variant: Variant, path: Controlled) -> tuple[str, ...]:
-    both = (path.network, path.result)
-    told = [f"{mean:.1f}, {most:.1f} mm" if np.isfinite(mean) else "–" for mean, most in both]
+    told = [_millimetres(each) for each in (path.network, path.result)]
     worst = sorted(sorted(path.unreached, key=lambda span: -span.by)[:3], key=lambda span: span.start)
     spans = ", ".join(f"{span.start}:{span.stop} by up to {span.by:.0f} mm" for span in worst)
     rest = f" and {len(path.unreached) - 3} more" if len(path.unreached) > 3 else ""
@@ -157,10 +161,22 @@ def _path_row(variant: Variant, path: Controlled) -> tuple[str, ...]:
 
 def _check_row(variant: Variant) -> tuple[str, ...]:
     stretch = [f"{mean:.2f}, {most:.2f} %" for mean, most in (variant.network_bones, variant.bones)]
+    floor = [_millimetres(each) for each in (variant.network_floor, variant.floor)]
     seam = variant.seam
     told = f"{seam.value:.2g} mm; 99 % elsewhere: {seam.own:.2g}" if seam else "one window"
     fine = (seam is None or seam.ok) and not any(path.unreached for path in variant.control)
-    return (str(variant.number), *stretch, told, "ok" if fine else "LOOK")
+    return (str(variant.number), *stretch, *floor, told, "ok" if fine else "LOOK")
+
+
+def _millimetres(values: tuple[float, float]) -> str:
+    mean, most = values
+    return f"{mean:.1f}, {most:.1f} mm" if np.isfinite(mean) else "–"
+
+
+def off_ground(positions: Array, ground: float) -> tuple[float, float]:
+    """Mean and greatest distance of the lowest foot of `positions (frames, J, 3)` from where it would stand, mm."""
+    off = 1000 * np.abs(above_ground(positions, ground))
+    return (float(off.mean()), float(off.max())) if np.isfinite(off).all() else (float("nan"), float("nan"))
 
 
 def stretch(positions: Array, pose: Array, bones: Sequence[int]) -> tuple[float, float]:

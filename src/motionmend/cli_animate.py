@@ -51,11 +51,13 @@ class Animate(Reading):
     network: str = "trajevae"
     """A generative network: its name, or the folder of a checkpoint or a run."""
     raw: bool = False
-    """The network's own output: --raw-paths and --raw-bones."""
+    """The network's own output: --raw-paths, --raw-bones and --raw-floor."""
     raw_paths: bool = False
     """Leave joints beside their paths where the network has them there."""
     raw_bones: bool = False
     """Leave bones as long as the network makes them; then 21 joints are written as positions."""
+    raw_floor: bool = False
+    """Let the body float over the ground or sink into it as it does there."""
     map: File = None
     """A TOML file that says which joint is which."""
     report: File = None
@@ -90,7 +92,7 @@ class Animate(Reading):
                 joints=self.joints.split(",") if self.joints else (), frame=self.frame, seconds=self.seconds,
                 frames=self.frames, samples=self.samples, mean=self.mean, diversity=self.diversity, seed=self.seed,
                 network=network, raw_paths=self.raw or self.raw_paths, raw_bones=self.raw or self.raw_bones,
-                map=self.map, stage=stage,
+                raw_floor=self.raw or self.raw_floor, map=self.map, stage=stage,
             )  # fmt: skip
             stage("writing")
             if folder:

@@ -32,7 +32,8 @@ from .io import sha256_of
 from .models import NETWORKS
 from .models.network import Network
 from .motion import Skeleton
-from .networks import Graph, Module, completer
+from .networks import completer
+from .runtimes import Graph, Module
 from .spaces import SPACES
 
 Array = np.ndarray

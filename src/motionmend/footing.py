@@ -1,4 +1,4 @@
-"""Where the ground is under a body, as its feet tell."""
+"""Where the ground is under a body, as its feet tell, and a body put back on it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import numpy as np
 from .body import BODY, JOINT, floor_height
 from .motion import Motion
 
+Array = np.ndarray
+
 # Heights of a standing person's joints over the ground, in lengths of a leg (thigh and shin). Ankle: 0.039 / 0.491 of
 # the stature, Drillis & Contini 1966, in Winter 2009, figure 4.1; in CMU's takes of train subjects the median is 0.077
 # (BVH) and 0.088 (AMC). Ball of the foot: the median there, 0.031 and 0.035.
 ANKLE, BALL = 0.08, 0.034
+FLIGHT = 0.6  # seconds: who has no foot on the ground for longer floats
+SUNK = 0.2  # seconds in which a foot comes out of the ground
 
 
 def leg_length(body: Motion) -> float:
@@ -42,3 +46,42 @@ def ground(body: Motion) -> float:
             only[joints] = True
             return floor_height(replace(body, observed=body.observed & only)) - share * leg
     return floor_height(body)
+
+
+def above_ground(positions: Array, ground: float) -> Array:
+    """How high the lowest foot is over where it would stand, `(frames,)` metres, negative if it has sunk in.
+
+    positions : `(frames, J, 3)` metres of BODY's joints, NaN for those that are not there; all NaN without feet.
+    """
+    observed = np.asarray(np.isfinite(positions).all(axis=-1))
+    leg = leg_length(Motion(positions.astype(np.float32), observed, 1.0, BODY))
+    heights = [positions[:, JOINT[f"{side}_{part}"], 1] - ground - share * leg
+               for part, share in (("toe", BALL), ("foot", ANKLE)) for side in ("left", "right")]  # fmt: skip
+    return np.fmin.reduce(heights)
+
+
+def grounded(positions: Array, ground: float, fps: float, fade: float) -> Array:
+    """`positions (frames, J, 3)` of BODY, lowered until a foot is on the ground in any FLIGHT, and raised out of it.
+
+    Jumps stay. Frame 0 stays where it is; what floats is down after `fade` seconds, what has sunk in is up after SUNK.
+    """
+    from scipy.ndimage import grey_opening, minimum_filter1d, uniform_filter1d
+
+    over = above_ground(positions, ground)
+    if not np.isfinite(over).all():
+        return positions
+    flight, sunk = (2 * round(seconds * fps / 2) + 1 for seconds in (FLIGHT, SUNK))
+    usual = uniform_filter1d(grey_opening(over, flight, mode="nearest"), sunk, mode="nearest")
+    down = usual * _ease(len(over), fade * fps)
+    # The mean of as many least values, each over so many frames, is nowhere above what it is made of.
+    least = minimum_filter1d(np.minimum(over - down, 0), sunk, mode="nearest")
+    up = -uniform_filter1d(least, sunk, mode="nearest") * _ease(len(over), SUNK * fps)
+    out = positions.copy()
+    out[..., 1] += (up - down)[:, None]
+    return out
+
+
+def _ease(count: int, frames: float) -> Array:
+    """From 0 to 1 in so many frames (least jerk: Flash & Hogan 1985)."""
+    u = np.minimum(np.arange(count) / max(1.0, frames), 1)
+    return u**3 * (10 - 15 * u + 6 * u**2)

@@ -1,7 +1,6 @@
 """A network as a Completer: any take of a person in, its windows through the network, the same take whole out.
 
-The network itself is a `Run`, named arrays to an array: an ONNX graph on onnxruntime, which needs no torch, or a torch
-module in training. B = windows, T = frames of a window, J = the network's joints.
+The network itself is a `runtimes.Run`. B = windows, T = frames of a window, J = the network's joints.
 """
 
 from __future__ import annotations
@@ -9,69 +8,28 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import checkpoints, windows
+from . import checkpoints, rows, windows
 from .body import BODY, JOINT, Mapping, floor_height, map_rig
 from .checkpoints import Description
 from .errors import InputError
 from .footing import ground
 from .motion import Motion, Skeleton
+from .runtimes import Graph, Module, Run
 from .spaces import SPACES
 
 if TYPE_CHECKING:
     from .models.network import Network
 
 Array = np.ndarray
-Run = Callable[[dict[str, Array]], Array]
 Restart = Callable[[Array, int], Array]
 
 MOST = 4_800  # frames given at once to a network that takes any number
 TOKENS = 8_192  # joints × frames, or frames of a generative one, given to a network at once: attention's memory grows
 FEET = [joint for name, joint in JOINT.items() if name.endswith(("foot", "toe"))]
-
-
-class Graph:
-    """A Run by onnxruntime. The session starts when it is first needed, with one thread a core."""
-
-    def __init__(self, path: Path):
-        self.path = path
-
-    @cached_property
-    def session(self):
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 0
-        options.use_deterministic_compute = True
-        options.log_severity_level = 3  # errors
-        return onnxruntime.InferenceSession(str(self.path), options, providers=["CPUExecutionProvider"])
-
-    def __call__(self, inputs: dict[str, Array]) -> Array:
-        wanted = {each.name: inputs[each.name] for each in self.session.get_inputs()}
-        return np.asarray(self.session.run(None, wanted)[0])
-
-
-class Module:
-    """A Run by a torch module on the device where it is, in evaluation mode and without gradients."""
-
-    def __init__(self, module: Network):
-        self.module = module
-
-    def __call__(self, inputs: dict[str, Array]) -> Array:
-        import torch
-
-        device, training = next(self.module.parameters()).device, self.module.training
-        self.module.eval()
-        with torch.inference_mode():
-            tensors = {name: torch.from_numpy(np.ascontiguousarray(each)).to(device) for name, each in inputs.items()}
-            output = self.module(**tensors).float().cpu().numpy()
-        self.module.train(training)
-        return output
 
 
 class NetworkCompleter:
@@ -110,9 +68,9 @@ class NetworkCompleter:
         self._must_fit(positions.shape)
         out = np.empty(positions.shape, np.float32)
         tokens = positions.shape[1] * (1 if self.description.generative else positions.shape[2])
-        rows = max(1, TOKENS // max(1, tokens))
-        for start in range(0, len(out), rows):
-            part = slice(start, start + rows)
+        many = max(1, TOKENS // max(1, tokens))
+        for start in range(0, len(out), many):
+            part = slice(start, start + many)
             inputs, known = self.space.encode(positions[part], observed[part])
             inputs = {**inputs, **{name: values[part] for name, values in more.items()}}
             out[part] = self.space.decode(self.run(inputs), known)
@@ -177,6 +135,8 @@ class NetworkCompleter:
         values[:, there] = windows.complete(
             of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch, most=most
         )
+        if most:
+            self._pose_at_once(values, ours, there)
         if raw:
             length = max(1, min(most, len(ours))) if most else length
             first = windows.starts(len(ours), length, overlap)
@@ -184,6 +144,18 @@ class NetworkCompleter:
             rewritten = windows.stitch(self.windows(*cut), first, len(ours), overlap)
             values = np.where(ours.observed[..., None], rewritten, values)
         return self._at_its_own(values, motion, shift)
+
+    def _pose_at_once(self, values: Array, ours: Motion, there: Array) -> None:
+        """In `values (frames, J, 3)`, keep the way through gaps that were crossed coarsely first; pose them at once.
+
+        Fewer frames a second tell better where a body goes in long gaps, and worse how it holds itself.
+        """
+        for start, stop in windows.too_long(ours.observed[:, there], self.frames):
+            near = slice(max(0, start - self.frames // 2), stop + self.frames // 2)
+            once = self.windows(ours.positions[None, near], ours.observed[None, near])
+            posed = rows.on_path_of(once, values[None, near])[0, start - near.start : stop - near.start]
+            hidden = ~ours.observed[start:stop]
+            values[start:stop][hidden] = posed[hidden]
 
     def _joints(self, motion: Motion, mapping: Mapping | None) -> Array:
         """For each of the network's joints the motion's, or -1."""

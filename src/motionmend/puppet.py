@@ -11,6 +11,7 @@ import numpy as np
 from .aiming import free_axes
 from .body import BODY, JOINT, Mapping, to_body
 from .fitting import fit, scatter
+from .footing import ground
 from .io import held
 from .io.units import rotation_to_y_up
 from .motion import Motion, Rig, Skeleton, Take, Units
@@ -20,6 +21,7 @@ from .spaces import STANDING, UPRIGHT
 Array = np.ndarray
 
 ENOUGH = 10  # frames of a take that tell which of its joints never turn
+AROUND = 1.0  # seconds of a take on each side of a pose that tell where the ground is: stairs go on, jumps do not
 NEAR = 0.25  # metres along the bones over which joints tell where one is that a rig lacks
 
 
@@ -32,6 +34,7 @@ class Puppet:
     axes : per joint of the rig the axes it can turn about, in our frame. mover : the joint whose shift moves the body.
     lacking : BODY's joints that the file has none for.
     points : the frame as it was read, where a file holds points; their places in the rig are `at`, -1 for none.
+    ground : the height in metres on which the person stands around that frame.
     """
 
     take: Take
@@ -43,6 +46,7 @@ class Puppet:
     lacking: tuple[str, ...] = ()
     points: Take | None = None
     at: Array | None = None
+    ground: float = 0.0
 
     def posed(self, positions: Array) -> Take:
         """Its rig posed after `positions (frames, J, 3)` metres; frame 0 stays the pose, bones keep their lengths.
@@ -109,14 +113,16 @@ def puppet(take: Take, frame: int, frames: int, mapping: Mapping) -> Puppet:
     pose = whole(body.positions[frame].astype(float), body.observed[frame])
     lacking = tuple(name for name, there in zip(BODY.names, body.observed[frame]) if not there)
     still = held(take, frame, frames)
+    near = slice(max(0, round(frame - AROUND * take.fps)), round(frame + AROUND * take.fps) + 1)
+    floor = ground(replace(body, positions=body.positions[near], observed=body.observed[near]))
     if take.rig is None:
-        return _of_points(still, joints, pose, lacking)
+        return replace(_of_points(still, joints, pose, lacking), ground=floor)
     up = np.abs(rotation_to_y_up(take.units.up)).argmax(axis=0)
     letters = str.maketrans("XYZ", "".join("XYZ"[axis] for axis in up))
     axes = tuple(free_axes(order.upper()).translate(letters) for order in take.rig.orders)
     joints = np.where(body.observed[frame], joints, -1)
     mover = _mover(take.rig, int(joints[0]))
-    return Puppet(still, joints, pose, _turning(take, joints, axes), axes, mover, lacking)
+    return Puppet(still, joints, pose, _turning(take, joints, axes), axes, mover, lacking, ground=floor)
 
 
 def _turning(take: Take, joints: Array, axes: Sequence[str]) -> Array:

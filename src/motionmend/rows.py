@@ -76,6 +76,16 @@ def in_world(poses: Array, root: Array, heading: Array) -> Array:
     return np.stack([x + root[..., None, 0], poses[..., 1], z + root[..., None, 1]], axis=-1)
 
 
+def on_path_of(poses: Array, path: Array) -> Array:
+    """The poses of one motion where another stands and faces, joint by joint where that has any.
+
+    Both `(B, T, J, 3)` metres of BODY's joints; `path` may have NaN. float32, NaN where it has.
+    """
+    there = np.asarray(np.isfinite(path).all(axis=-1))
+    seen = seen_from(poses.astype(float), *path_of(poses, there))
+    return np.where(there[..., None], in_world(seen, *path_of(path, there)), np.nan).astype(np.float32)
+
+
 def travel_of(root: Array, heading: Array) -> Array:
     """`(B, T, 3)`: x and z of the step since the frame before as seen along the heading, and the turn since then.
 

@@ -175,6 +175,17 @@ def complete(
     return out
 
 
+def too_long(observed: Array, length: int) -> list[tuple[int, int]]:
+    """The gaps of the whole body, first frame and past the last, that `complete` crosses at a lower rate first."""
+    return [hole for hole in runs(_blind(observed)) if hole[1] - hole[0] > int(LONGEST * length) and length >= SHORTEST]
+
+
+def _blind(observed: Array) -> Array:
+    """`(frames,)` bool: less than half is there of what is ever there."""
+    ever = observed.any(axis=0)
+    return np.asarray(2 * observed[:, ever].sum(axis=1) < ever.sum())
+
+
 def _plan(missing: Array, length: int, overlap: int) -> tuple[Array, Array, list[Array]]:
     """Where to lay windows so that all of `missing (frames, joints)` is well inside the window that it is taken from.
 
@@ -236,9 +247,7 @@ def _guided(
     They come from the gap and its surroundings at a lower rate, chosen so that both its ends are among the samples.
     """
     frames, ever = len(observed), observed.any(axis=0)
-    blind = 2 * observed[:, ever].sum(axis=1) < ever.sum()
-    longest = int(LONGEST * length)
-    holes = [hole for hole in runs(blind) if hole[1] - hole[0] > longest and length >= SHORTEST]
+    blind, longest, holes = _blind(observed), int(LONGEST * length), too_long(observed, length)
     guide, known = (positions.copy(), observed.copy()) if holes else (positions, observed)
     for start, stop in holes:
         begin, end = max(start - 1, 0), min(stop, frames - 1)

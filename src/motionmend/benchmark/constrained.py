@@ -48,5 +48,5 @@ def mended(pose: Array, paths: Array, given: Array, samples: Array) -> Array:
     points, told = np.concatenate([pose[None], paths]).astype(float), np.concatenate([given[:1], given])
     nothing = np.zeros(len(BODY))
     asked = Asked(held, (), PROTOCOL.fps, points, told, nothing, nothing.astype(int))
-    posed = [asked.mended(np.concatenate([pose[None], one]).astype(float), False, False) for one in samples]
+    posed = [asked.mended(np.concatenate([pose[None], one]).astype(float), False, False, False) for one in samples]
     return np.stack([each.motion.positions[1:, held.joints] for each in posed]).astype(np.float32)
