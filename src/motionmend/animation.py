@@ -17,6 +17,7 @@ from .animation_report import AnimationReport, Controlled, Seam, Variant, off_gr
 from .body import BODY, JOINT, Mapping, map_rig, read_map, to_body
 from .constraints import meet_seams
 from .control import FADE, LEADING, TOLERANCE, carried, meet
+from .curves import least_jerk
 from .errors import InputError
 from .footing import grounded
 from .motion import Motion, Take, Units
@@ -287,7 +288,7 @@ def _led(points: Array, given: Array, pose: Array, seconds: Array, fps: float) -
     out = points.copy()
     for joint in np.flatnonzero(seconds > 0):
         u = np.minimum(np.arange(len(points)) / (seconds[joint] * fps), 1)[:, None]
-        ease = 1 - u**3 * (10 - 15 * u + 6 * u**2)  # least jerk: Flash & Hogan 1985
+        ease = 1 - least_jerk(u)
         rows = given[:, joint]
         rows = rows & (np.cumsum(~rows) == 0)  # what begins later begins where it says
         out[rows, joint] += (ease * (pose[joint] - points[0, joint]))[rows]

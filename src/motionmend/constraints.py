@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from . import metrics
+from .curves import least_jerk
 from .motion import Motion, Rig, Take
 from .rotations import from_rotvec, inverse, multiply, normalised, to_rotvec
 
@@ -102,7 +103,7 @@ def _fades(filled: Array, before: Array, known: Array, most: int, misfit: Callab
     span = np.minimum(most, following[frame, joint] - seam)
     u = np.minimum((frame - seam) / span, 1.0)[:, None]
     # Quintic Hermite from (value, slope) to rest, without acceleration at both ends.
-    still = 1 - u**3 * (10 - 15 * u + 6 * u**2)
+    still = 1 - least_jerk(u)
     going = u * (1 - u) ** 3 * (1 + 3 * u)
     change = np.zeros((frames, joints, 3))
     change[frame, joint] = still * offset[seam, joint] + going * span[:, None] * slope[seam, joint]

@@ -16,6 +16,7 @@ import numpy as np
 from .aiming import allowed
 from .body import BODY, JOINT, LIMBS
 from .constraints import meet_seams
+from .curves import least_jerk
 from .motion import Rig, Take
 from .puppet import Puppet
 from .rotations import apply, forward_kinematics, from_rotvec, inverse, multiply, normalised
@@ -111,7 +112,7 @@ def _firmness(given: Array, fade: float) -> Array:
     since = clock - np.maximum.accumulate(np.where(given, clock, -len(given)), axis=0)
     until = np.minimum.accumulate(np.where(given, clock, 2 * len(given))[::-1], axis=0)[::-1] - clock
     u = np.clip(np.minimum(since, until) / max(1.0, fade), 0, 1)
-    return 1 - u**3 * (10 - 15 * u + 6 * u**2)
+    return 1 - least_jerk(u)
 
 
 def weights_of(puppet: Puppet) -> Array:

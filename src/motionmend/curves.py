@@ -23,6 +23,11 @@ SPLINE_SAMPLES = 6  # on each side
 SETTLE_SECONDS = 0.1  # time constant with which a motion without a far end comes to rest
 
 
+def least_jerk(u: Array) -> Array:
+    """From 0 to 1, at rest at both ends, for `u` from 0 to 1 (Flash & Hogan 1985)."""
+    return u**3 * (10 - 15 * u + 6 * u**2)
+
+
 @dataclass(frozen=True)
 class Curve:
     """A way across a gap.

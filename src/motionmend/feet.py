@@ -10,6 +10,7 @@ import numpy as np
 from . import metrics
 from .body import LIMBS
 from .constraints import FADE, affected_by, between_two
+from .curves import least_jerk
 from .fitting import reach
 from .motion import Motion, Take, runs
 
@@ -108,9 +109,7 @@ def _holding(points: Array, stands: Array, free: Array, most: int) -> Array:
             for edge, room, way in ((first, first - done + 1, -1), (last - 1, upcoming - last + 1, 1)):
                 span = min(most, room)
                 steps = np.arange(1, span)
-                u = 1 - steps / span
-                ease = u**3 * (10 - 15 * u + 6 * u**2)
-                shift[edge + way * steps] += ease[:, None] * shift[edge]
+                shift[edge + way * steps] += least_jerk(1 - steps / span)[:, None] * shift[edge]
             done = last
     return shift
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .body import BODY, JOINT, floor_height
+from .curves import least_jerk
 from .motion import Motion
 
 Array = np.ndarray
@@ -82,6 +83,5 @@ def grounded(positions: Array, ground: float, fps: float, fade: float) -> Array:
 
 
 def _ease(count: int, frames: float) -> Array:
-    """From 0 to 1 in so many frames (least jerk: Flash & Hogan 1985)."""
-    u = np.minimum(np.arange(count) / max(1.0, frames), 1)
-    return u**3 * (10 - 15 * u + 6 * u**2)
+    """From 0 to 1 in so many frames."""
+    return least_jerk(np.minimum(np.arange(count) / max(1.0, frames), 1))

@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from .body import BODY, to_body
+from .curves import least_jerk
 from .errors import InputError
 from .fitting import scatter
 from .gaps import Gaps, covered
@@ -174,5 +175,5 @@ def _fades(gaps: Gaps, shape: tuple[int, ...], fps: float) -> Array:
         away = np.minimum(clock, clock[::-1]) if after else clock
         span = len(clock) + 1
         u = np.minimum(away / min(max(FADE * fps, SHARE * span), span / 2), 1)
-        out[start:stop, joint] = u**3 * (10 - 15 * u + 6 * u**2)
+        out[start:stop, joint] = least_jerk(u)
     return out
