@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import motionmend as mm
+from follower import follower
 from motionmend import checkpoints, metrics, rotations
 from motionmend.body import BODY, JOINT, map_rig, to_body
 from motionmend.cli import main
@@ -385,11 +386,16 @@ with open(sys.argv[2], "w") as file:
 """
 
 
-def test_blender_opens_a_chain(walk, tmp_path):
+@pytest.mark.parametrize("what", ["chain", "blend", "animate"])
+def test_blender_opens_what_was_made(walk, blended, tmp_path, what):
     python = os.environ.get("MOTIONMEND_BPY_PYTHON")
     if not python:
         pytest.skip("no Blender: MOTIONMEND_BPY_PYTHON does not name a Python that has bpy")
-    told = mm.chain([(walk, (0, 100)), (walk, (200, 300))], gap=50, method="eased")
+    if what == "animate":
+        (told,) = mm.animate(walk, {"LeftHand": walk.motion.positions[60:310, 20]}, frame=60, network=follower())
+    else:
+        chain = mm.chain([(walk, (0, 100)), (walk, (200, 300))], gap=50, method="eased")
+        told = blended if what == "blend" else chain
     (tmp_path / "script.py").write_text(IN_BLENDER)
     mm.save(told, tmp_path / "told.bvh")
     command = [python, *(str(tmp_path / name) for name in ("script.py", "told.bvh", "out.json"))]
