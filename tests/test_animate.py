@@ -263,6 +263,21 @@ def test_a_rig_without_toes(walk):
             animated(take, {"left_toe": path}, **options)
 
 
+def test_a_rig_without_hands(walk):
+    hands = ("LeftHand", "LeftFingerBase", "LeftHandIndex1", "LThumb")
+    for take, options in (
+        (walk, {"map": {"left_hand": "", "right_hand": ""}}),
+        (without(walk, *hands, *(name.replace("Left", "Right").replace("LT", "RT") for name in hands)), {}),
+    ):
+        elbow = path_of(take, "RightForeArm")
+        (made,) = animated(take, {"RightForeArm": elbow}, **options)
+        assert off(made, "RightForeArm", elbow).max() < 5
+        assert "the rig has no left_hand, right_hand" in str(made.report)
+        assert np.isfinite(made.motion.positions).all() and np.array_equal(
+            made.motion.positions[0], take.motion.positions[FRAME]
+        )
+
+
 def without(take: Take, *names: str) -> Take:
     """As points, without some."""
     kept = [joint for joint, name in enumerate(take.skeleton.names) if name not in names]

@@ -19,7 +19,7 @@ from .constraints import meet_seams
 from .control import FADE, LEADING, TOLERANCE, carried, meet
 from .curves import least_jerk
 from .errors import InputError
-from .footing import grounded
+from .footing import above_ground, grounded
 from .motion import Motion, Take, Units
 from .networks import GenerativeCompleter, load_completer
 from .progress import Stage, silent
@@ -149,7 +149,7 @@ def _person(take: Take, frame: int, overrides: dict[str, str] | None) -> Mapping
     if not mapping.is_person:
         hint = "say in a map file which joint is which" if mapping.found else "is it a take of a person?"
         raise InputError("no human body was found among the joints", where=take.source, hint=hint)
-    parts = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+    parts = ("upper_arm", "forearm", "thigh", "shin", "foot")
     limbs = [f"{side}_{part}" for side in ("left", "right") for part in parts]
     there = {name for name, joint in mapping.found.items() if take.motion.observed[frame, joint]}
     absent = [name for name in (["hips"] * (take.rig is not None) + limbs) if name not in there]
@@ -245,7 +245,7 @@ class Asked:
         """The puppet posed as the network has it, its bones kept, the given paths met and a foot on the ground unless
         they are to be raw. Where paths say where the body is, they say how high it is too."""
         if not (raw_floor or self.given[:, [JOINT[name] for name in LEADING]].any()):
-            own = grounded(own, self.held.ground, self.fps, JOIN)
+            own = grounded(own, above_ground(self._rigged(own), self.held.ground), self.fps, JOIN)
         real = own if raw_bones else self.held.in_proportion(own)
         wanted = own if raw_paths else carried(own, real, self.points, self.given, self.fps)
         if not raw_bones:
@@ -261,6 +261,10 @@ class Asked:
             take = meet(loose, take, wanted, self.points, self.given, self.fps)
         return replace(take, rig=None)
 
+    def _rigged(self, own: Array) -> Array:
+        """`own (frames, J, 3)` with NaN for joints that the puppet's rig lacks: what is guessed stands nowhere."""
+        return np.where((self.held.joints >= 0)[:, None], own, np.nan)
+
     def measured(self, number: int, own: Array, result: Take, completer: GenerativeCompleter, raw: bool) -> Variant:
         """What is to be said of a variant. own : the network's; result : the posed rig, or BODY's points if `raw`."""
         joints = np.arange(len(BODY)) if raw else self.held.joints
@@ -274,7 +278,7 @@ class Asked:
             control.append(replace(told, part=BODY.names[at], begins=begins))
         bones, pose = self.held.bones, self.held.pose
         stretches = stretch(own, pose, bones), stretch(now, pose, bones)
-        floors = off_ground(own, self.held.ground), off_ground(now, self.held.ground)
+        floors = off_ground(self._rigged(own), self.held.ground), off_ground(now, self.held.ground)
         ours = math.ceil((len(own) - 1) * completer.fps / self.fps) + 2
         starts = np.array(completer.starts(ours)[1:])
         first, last = (np.round(each * self.fps / completer.fps).astype(int).tolist()

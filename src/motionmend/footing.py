@@ -61,14 +61,15 @@ def above_ground(positions: Array, ground: float) -> Array:
     return np.fmin.reduce(heights)
 
 
-def grounded(positions: Array, ground: float, fps: float, fade: float) -> Array:
-    """`positions (frames, J, 3)` of BODY, lowered until a foot is on the ground in any FLIGHT, and raised out of it.
+def grounded(positions: Array, over: Array, fps: float, fade: float) -> Array:
+    """`positions (frames, J, 3)` lowered until a foot is on the ground in any FLIGHT, and raised out of it.
 
     Jumps stay. Frame 0 stays where it is; what floats is down after `fade` seconds, what has sunk in is up after SUNK.
+
+    over : `above_ground` of them. Without feet they stay as they are.
     """
     from scipy.ndimage import grey_opening, minimum_filter1d, uniform_filter1d
 
-    over = above_ground(positions, ground)
     if not np.isfinite(over).all():
         return positions
     flight, sunk = (2 * round(seconds * fps / 2) + 1 for seconds in (FLIGHT, SUNK))
