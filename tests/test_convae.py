@@ -86,6 +86,20 @@ def test_what_begins_at_the_curve_leaves_what_is_known_as_it_is():
     assert np.abs(answer - curve)[~observed].mean() > 0.01
 
 
+def test_a_share_of_the_answer_counts():
+    positions, observed = windows()
+    observed[:, 80:160] = False
+    inputs, _ = SPACES["body_rows"]().encode(positions, observed)
+    tensors = {name: torch.from_numpy(each) for name, each in inputs.items()}
+    one, some = (network(**SMALL, begin="curve", skips=True, share=share) for share in ((1.0, 1.0), (0.5, 0.0)))
+    torch.nn.init.normal_(one.up[-1][-1].weight)
+    some.load_state_dict(one.state_dict())
+    with torch.inference_mode():
+        whole, half = (each(**tensors) - tensors["rows"] for each in (one, some))
+    torch.testing.assert_close(half[..., :-3], whole[..., :-3] / 2, atol=1e-5, rtol=1e-4)
+    assert whole[..., -3:].abs().max() > 1e-3 > half[..., -3:].abs().max() * 100
+
+
 def test_the_curriculum_makes_gaps_longer():
     net = network(**SMALL, curriculum=7000)
     positions, observed = windows(count=64)

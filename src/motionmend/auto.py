@@ -56,20 +56,18 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
 # rest of the body and the floor, and an arm does as it likes.
 NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
     "xmae": {
-        "body": (0.4, 1.6, 0),
-        "limb": (0.4, 1.6, 12),
-        "leg": (0.4, 2.5, 12),
+        "body": (0.4, 1.2, 0),
+        "limb": (0.4, 1.2, 12),
         "lower limb": (0.4, 1.6, 12),
         "extremity": (0.4, 2.5, 12),
-        "all points": (0.4, 1.6, 0),
+        "all points": (0.4, 1.2, 0),
         "leg joints": (0.4, 4.0, 12),
         "joints": (0.4, 2.5, 12),
     },
     "convae": {
-        "body": (1.6, 6.0, 0),
-        "limb": (1.6, 6.0, 12),
-        "leg": (2.5, 6.0, 12),
-        "all points": (1.6, 6.0, 0),
+        "body": (1.2, 6.0, 0),
+        "limb": (1.2, 6.0, 12),
+        "all points": (1.2, 6.0, 0),
         "joints": (2.5, 6.0, 12),
     },
 }
@@ -210,9 +208,7 @@ def network_rows(
     rows = np.flatnonzero(np.isin(gaps.joint, known) & ~gaps.is_edge & ~gaps.is_blank).tolist()
     hidden = np.cumsum(np.pad(~observed[:, known], ((1, 0), (0, 0))), axis=0)
     seen = (hidden[gaps.stop] == hidden[gaps.start]).sum(axis=1)
-    legs = _legs(mapping)
-    lost = ["leg" if kind == "limb" and joint in legs else kind for kind, joint in zip(kinds, gaps.joint.tolist())]
-    chosen = {row: network_for(lost[row], float(gaps.length[row] / fps), int(seen[row]), there) for row in rows}
+    chosen = {row: network_for(kinds[row], float(gaps.length[row] / fps), int(seen[row]), there) for row in rows}
     return {row: name for row, name in chosen.items() if name}
 
 

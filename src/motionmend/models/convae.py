@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..rows import ROWS
+from ..rows import GROUPS, ROWS
 from .over_rows import OverRows, RowsConfig
 
 CHANNELS = {"vgg": (32, 64, 128, 256, 256), "vanilla": (32, 64, 128, 256, 512)}
@@ -23,7 +23,7 @@ SLOPE = 0.2  # of the leaky ReLU
 
 @dataclass(frozen=True)
 class ConvAEConfig(RowsConfig):
-    """The paper's values; `begin` and `skips` are ours, and off."""
+    """The paper's values; `begin`, `share` and `skips` are ours, and off."""
 
     kind: Literal["vgg", "vanilla"] = "vgg"
     """Two convolutions and a max-pooling a unit, or the Vanilla AE's one convolution with a stride."""
@@ -32,6 +32,9 @@ class ConvAEConfig(RowsConfig):
     begin: Literal["zeros", "curve"] = "zeros"
     """What stands in place of unknown rows: the paper's zeros; or a curve, which the network then leads away from,
     the farther the longer nothing is known (spaces.BodyRows)."""
+    share: tuple[float, float] = (1.0, 1.0)
+    """How much of an answer counts that leads away from a curve: of poses, and of the way and the turn. For validation
+    to choose once the network is trained."""
     skips: bool = False
     """What a unit of the encoder is given is added to what its mirror gives: such a network learns in a hundred steps
     what without takes thousands."""
@@ -42,11 +45,12 @@ class ConvAE(OverRows):
 
     name = "convae"
     Config = ConvAEConfig
+    share: Tensor
     TRIALS: ClassVar[dict[str, dict[str, Any]]] = {
         "": {"channels": (4, 6, 8, 8, 8)},
         "vanilla": {"kind": "vanilla", "channels": (4, 6, 8, 8, 8), "curriculum": 0},
         "curve": {"channels": (4, 6, 8, 8, 8), "begin": "curve", "skips": True, "damage": "takes",
-                  "mirror": True, "error": "rms"},
+                  "mirror": True, "error": "rms", "share": (0.8, 0.5)},
     }
 
     def __init__(self, config: ConvAEConfig, joints: int):
@@ -72,6 +76,8 @@ class ConvAE(OverRows):
         self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         if config.begin == "curve":  # an untrained network answers with the curve
             nn.init.zeros_(layers[-1].weight)
+        poses, way = config.share
+        self.register_buffer("share", torch.tensor([poses] * (GROUPS - 1) + [way]), persistent=False)
 
     def answer(self, rows: Tensor, known: Tensor, leeway: Tensor) -> Tensor:
         rows, zeros = self.normalised(rows), self.config.begin == "zeros"
@@ -88,7 +94,7 @@ class ConvAE(OverRows):
             if self.config.skips and given:
                 x = (x + before) * 0.5**0.5
         answer = x[:, 0].transpose(1, 2).float()
-        return answer if zeros else rows + answer * leeway.repeat_interleave(3, dim=2)
+        return answer if zeros else rows + answer * (leeway * self.share).repeat_interleave(3, dim=2)
 
 
 class Down(nn.Sequential):
