@@ -247,11 +247,7 @@ def test_the_network_that_ships_is_found_and_better_than_the_fills_where_auto_ta
     assert ours < 0.9 * theirs
 
 
-def test_a_lost_leg_is_left_to_another_network_for_longer_than_a_lost_arm():
-    observed = np.ones((240, len(BODY)), bool)
-    observed[60:180, [JOINT["left_thigh"], JOINT["left_upper_arm"]]] = False
-    gaps, mapping = Gaps.of(observed), map_rig(BODY)
-    assert len(gaps) == 2
-    rows = auto.network_rows(gaps, ["limb", "limb"], observed, 60.0, mapping, ["xmae", "convae"])
-    of = {BODY.names[gaps.joint[row]]: network for row, network in rows.items()}
-    assert of == {"left_thigh": "xmae", "left_upper_arm": "convae"}
+@pytest.mark.parametrize("kind", sorted(auto.NETWORK_WINS["convae"]))
+def test_one_network_takes_over_where_the_other_ends(kind):
+    asked = [auto.network_for(kind, seconds, len(BODY), auto.NETWORK_WINS) for seconds in np.arange(0.4, 6.0, 0.1)]
+    assert "" not in asked and asked == sorted(asked, reverse=True)  # xmae, …, convae, …

@@ -52,8 +52,7 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
 }
 
 # network -> kind -> from so many seconds, and below so many, an installed network of this name did better than any fill
-# and any network before it here, if it saw so many joints of the body. A "leg" is a limb: what it does follows from the
-# rest of the body and the floor, and an arm does as it likes.
+# and any network before it here, if it saw so many joints of the body.
 NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
     "xmae": {
         "body": (0.4, 1.2, 0),
