@@ -309,7 +309,7 @@ def test_constraints_keep_bones_and_meet_paths():
         return (truth[:, None, 1:] * [1, 1.03, 1] + sway).astype(np.float32)
 
     raw = Method("raw", sample=stretched)
-    assert raw.can_sample(50) and constrained(raw).can_sample(1) and not constrained(raw).can_sample(50)
+    assert raw.can_sample(10**6) and constrained(raw).can_sample(1000) and not constrained(raw).can_sample(2000)
     samples = constrained(raw).sample(*asked(truth, 4), 2, 0)
     loose = stretched(*asked(truth, 4), 2, 0)
     before, after = (bone_stretch(each, truth[0, 0], BODY.parents)[1] for each in (loose, samples))

@@ -16,11 +16,13 @@ from .trajevae import PROTOCOL
 
 Array = np.ndarray
 
+MOST = 1_500
+
 
 def constrained(method: Method) -> Method:
     """The method, whose every sample is posed on a rig of the start pose's bones and led onto the given paths.
 
-    That takes half a second a sample, so only one is asked for.
+    That takes an eighth of a second a sample, so there are no more than MOST in a column.
 
     Raises
     ------
@@ -36,8 +38,10 @@ def constrained(method: Method) -> Method:
             out[window] = mended(pose[window], trajectories[window], given[window], out[window])
         return out
 
-    about = "its one sample with bones as long as in the pose and given joints led onto their paths, as animate does"
-    return replace(method, name=method.name + CONSTRAINED, sample=sample, most=1, about=about, fill=None, restore=None)
+    about = ("its samples with bones as long as in the pose and given joints led onto their paths, as animate does; "
+             f"no column of more than {MOST:,} samples")  # fmt: skip
+    name = method.name + CONSTRAINED
+    return replace(method, name=name, sample=sample, most=MOST, about=about, fill=None, restore=None)
 
 
 def mended(pose: Array, paths: Array, given: Array, samples: Array) -> Array:

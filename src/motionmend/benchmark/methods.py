@@ -35,7 +35,7 @@ class Method:
     restore : `(positions, observed, fps, skeleton) -> positions`, may rewrite every sample (filters, networks;
         "none" rewrites nothing).
     sample : `(pose (B, J, 3), trajectories (B, T, J, 3), given (B, T, J), count K, seed) -> (B, K, T, J, 3)`.
-    most : how many samples may be asked of it for each window, where more would take hours; None for any number.
+    most : how many samples may be asked of it in a column, where more would take hours; None for any number.
     about : what it is, for the table's footnote. budget : what a network was trained with.
     """
 
@@ -48,7 +48,7 @@ class Method:
     most: int | None = None
 
     def can_sample(self, count: int) -> bool:
-        """Whether it can be asked for so many samples of each window."""
+        """Whether it can be asked for so many samples, those of all windows of a column together."""
         return self.sample is not None and (self.most is None or count <= self.most)
 
 

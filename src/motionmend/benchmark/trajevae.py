@@ -117,7 +117,7 @@ def measure(
             task, setting = f"K = {count}", f"k = {given}"
             means = {}
             for method in methods:
-                if method.can_sample(count):
+                if method.can_sample(count * len(chosen)):
                     stage(f"{method.name}, {task}, {setting}")
                     means[method.name] = measure_one(method, truths, chosen, given, count, seed, corpus.fps)
             means[TRUTH] = own.all()
@@ -137,7 +137,7 @@ def _others(
         chosen = evenly(np.arange(len(mixed)), limit)
         task, setting = f"other paths, K = {count}", f"k = {given}, {len(chosen)} pairs"
         for method in methods if len(mixed) else ():
-            if method.can_sample(count):
+            if method.can_sample(count * len(chosen)):
                 stage(f"{method.name}, {task}, {setting}")
                 means = measure_one(method, mixed, chosen, given, count, seed, fps)
                 cells += [Cell(task, setting, method.name, key, means[key], None, UNITS[key])
