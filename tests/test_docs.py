@@ -103,7 +103,7 @@ def test_an_example_runs(script, words, demo_folder, tmp_path, monkeypatch, caps
 def test_benchmark_tables_are_those_that_the_commands_printed():
     """Rows in docs/benchmarks.md stand in the page of results of their protocol, under the same heading."""
     text = (ROOT / "docs" / "benchmarks.md").read_text("utf-8")
-    for name in ("xmae", "convae", "trajevae"):
+    for name in ("xmae", "convae", "trajevae", "trajevae-constraints"):
         results = (ROOT / "docs" / "results" / f"{name}.md").read_text("utf-8")
         tables = dict(re.findall(r"^### (.+)\n\n((?:\|.*\n)+)", results, flags=re.M))
         section = re.search(rf"^### {name}: .*?(?=^##)", text, flags=re.M | re.S)
