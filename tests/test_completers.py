@@ -121,3 +121,30 @@ def test_in_a_long_gap_the_way_is_the_coarse_one_and_the_poses_are_those_of_one_
     assert np.array_equal(filled[observed], truth.positions[observed])
     over_hips = [each[:, JOINT["head"], 1] - each[:, JOINT["hips"], 1] for each in (filled, curve)]
     np.testing.assert_allclose(*over_hips, atol=0.01)
+
+
+def test_long_gaps_of_other_joints_are_filled_too():
+    """A network that takes any length and knows other joints than a body's."""
+    skeleton = Skeleton.cloud(["a", "b", "c"])
+    description = checkpoints.Description("line", "floor_mean", 60.0, 60, skeleton, any_length=True)
+    truth = gliding(10, 60.0)
+    truth = replace(truth, positions=truth.positions[:, :3], observed=truth.observed[:, :3], skeleton=skeleton)
+    observed = truth.observed.copy()
+    observed[180:420] = False
+    filled = networks.completer(description, straight).complete(hidden(truth, observed))
+    np.testing.assert_allclose(filled.positions, truth.positions, atol=1e-3)
+
+
+def test_what_is_too_long_for_one_crossing_is_crossed_in_windows():
+    asked = []
+
+    def answers(inputs):
+        asked.append(inputs["rows"].shape[1])
+        return inputs["rows"]
+
+    description = checkpoints.Description("rows", "body_rows", 60.0, 240, BODY, any_length=True)
+    truth = gliding(100, 60.0)
+    observed = truth.observed.copy()
+    observed[120:-120] = False
+    filled = networks.completer(description, answers).complete(hidden(truth, observed))
+    assert filled.observed.all() and max(asked) <= networks.MOST

@@ -393,9 +393,10 @@ def test_blender_opens_what_was_made(walk, blended, tmp_path, what):
         pytest.skip("no Blender: MOTIONMEND_BPY_PYTHON does not name a Python that has bpy")
     if what == "animate":
         (told,) = mm.animate(walk, {"LeftHand": walk.motion.positions[60:310, 20]}, frame=60, network=follower())
+    elif what == "chain":
+        told = mm.chain([(walk, (0, 100)), (walk, (200, 300))], gap=50, method="eased")
     else:
-        chain = mm.chain([(walk, (0, 100)), (walk, (200, 300))], gap=50, method="eased")
-        told = blended if what == "blend" else chain
+        told = blended
     (tmp_path / "script.py").write_text(IN_BLENDER)
     mm.save(told, tmp_path / "told.bvh")
     command = [python, *(str(tmp_path / name) for name in ("script.py", "told.bvh", "out.json"))]

@@ -14,9 +14,9 @@ import numpy as np
 
 from . import checkpoints, windows
 from .animation_report import AnimationReport, Controlled, Seam, Variant, off_ground, stretch
-from .body import BODY, JOINT, Mapping, map_rig, read_map, to_body
+from .body import BODY, Mapping, map_rig, read_map, to_body
 from .constraints import meet_seams
-from .control import FADE, LEADING, TOLERANCE, carried, meet
+from .control import FADE, TOLERANCE, carried, leads, meet
 from .curves import least_jerk
 from .errors import InputError
 from .footing import above_ground, grounded
@@ -244,7 +244,7 @@ class Asked:
     def mended(self, own: Array, raw_paths: bool, raw_bones: bool, raw_floor: bool) -> Take:
         """The puppet posed as the network has it, its bones kept, the given paths met and a foot on the ground unless
         they are to be raw. Where paths say where the body is, they say how high it is too."""
-        if not (raw_floor or self.given[:, [JOINT[name] for name in LEADING]].any()):
+        if not (raw_floor or leads(self.given)):
             own = grounded(own, above_ground(self._rigged(own), self.held.ground), self.fps, JOIN)
         real = own if raw_bones else self.held.in_proportion(own)
         wanted = own if raw_paths else carried(own, real, self.points, self.given, self.fps)

@@ -86,12 +86,16 @@ def meet(
         if BODY.parents[joint] in asked:  # a foot that is led stays level
             kept[:, at] += np.nan_to_num(goals[:, BODY.parents[joint]] - own[:, BODY.parents[joint]])
     wanted = np.concatenate([goals[:, asked], kept], axis=1)[1:]
-    led = bool(given[:, [JOINT[name] for name in LEADING]].any())
-    solver = _Solver(puppet, rig, puppet.joints[[*asked, *feet]], wanted, firm[1:, asked], led)
+    solver = _Solver(puppet, rig, puppet.joints[[*asked, *feet]], wanted, firm[1:, asked], leads(given))
     solver.solve(steps)
     rotations, translations = rig.rotations.copy(), rig.translations.copy()
     rotations[1:], translations[1:] = solver.local, solver.shift
     return posed.with_rig(replace(rig, rotations=rotations, translations=translations))
+
+
+def leads(given: Array) -> bool:
+    """Whether paths that are `given (frames, J)` say where the body is, and not only where a hand or the head is."""
+    return bool(given[:, [JOINT[name] for name in LEADING]].any())
 
 
 def _goals(positions: Array, paths: Array, given: Array, fps: float) -> Array:

@@ -19,7 +19,7 @@ from .errors import InputError
 from .footing import ground
 from .motion import Motion, Skeleton
 from .runtimes import Graph, Module, Run
-from .spaces import SPACES
+from .spaces import SPACES, BodyRows
 
 if TYPE_CHECKING:
     from .models.network import Network
@@ -135,7 +135,7 @@ class NetworkCompleter:
         values[:, there] = windows.complete(
             of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch, most=most
         )
-        if most:
+        if most and isinstance(self.space, BodyRows):
             self._pose_at_once(values, ours, there)
         if raw:
             length = max(1, min(most, len(ours))) if most else length
@@ -148,10 +148,13 @@ class NetworkCompleter:
     def _pose_at_once(self, values: Array, ours: Motion, there: Array) -> None:
         """In `values (frames, J, 3)`, keep the way through gaps that were crossed coarsely first; pose them at once.
 
-        Fewer frames a second tell better where a body goes in long gaps, and worse how it holds itself.
+        Fewer frames a second tell better where a body goes in long gaps, and worse how it holds itself. What does not
+        fit in MOST frames stays as it is.
         """
         for start, stop in windows.too_long(ours.observed[:, there], self.frames):
             near = slice(max(0, start - self.frames // 2), stop + self.frames // 2)
+            if near.stop - near.start > MOST:
+                continue
             once = self.windows(ours.positions[None, near], ours.observed[None, near])
             posed = rows.on_path_of(once, values[None, near])[0, start - near.start : stop - near.start]
             hidden = ~ours.observed[start:stop]
