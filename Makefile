@@ -16,6 +16,7 @@ test: $(VENV)/.dev
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
 
 slow: $(VENV)/.dev
 	$(BIN)/pytest -n auto -m slow

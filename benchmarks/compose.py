@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import motionmend as mm
-from motionmend.body import map_rig
+from motionmend.body.mapping import map_rig
 
 SECONDS = (0.1, 0.3, 0.6, 1.0, 1.5)
 LEAST = 0.7  # seconds of a clip

@@ -20,11 +20,11 @@ import numpy as np
 import torch
 
 from motionmend.benchmark.provenance import machine
-from motionmend.body import BODY
-from motionmend.export import export
-from motionmend.models.convae import ConvAE, ConvAEConfig
-from motionmend.networks import load_completer, module_completer
-from motionmend.spaces import STANDING, UPRIGHT
+from motionmend.body.joints import BODY
+from motionmend.body.standing import STANDING, UPRIGHT
+from motionmend.networks.export import export
+from motionmend.networks.loading import load_completer, module_completer
+from motionmend.networks.models.convae import ConvAE, ConvAEConfig
 
 FRAMES = (240, 480, 960, 1927, 4800, 9600, 24000)
 PAPER = 1927

@@ -17,11 +17,12 @@ import numpy as np
 from diagnosis import accused, asked, cmu_files, overlap
 
 import motionmend.io as io
-from motionmend.body import Mapping, map_rig
-from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose
+from motionmend.body.mapping import Mapping, map_rig
+from motionmend.damage.planting import mirrored_pairs, plant
+from motionmend.diagnosis.diagnosing import diagnose
+from motionmend.diagnosis.findings import CERTAIN, Diagnosis
 from motionmend.motion import Motion, Skeleton, Take
-from motionmend.planting import mirrored_pairs, plant
-from motionmend.repairs import repair
+from motionmend.repairs.repairing import repair
 
 Array = np.ndarray
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from motionmend.benchmark.results import evenly
-from motionmend.corpus import Corpus
-from motionmend.denoise import denoise
-from motionmend.metrics import bone_lengths
+from motionmend.corpora.corpus import Corpus
+from motionmend.metrics.positional import bone_lengths
 from motionmend.motion import Motion
+from motionmend.repairs.denoising import denoise
 
 SIGMAS = (0, 2, 5, 10, 20, 50)  # mm, along each axis
 FRAMES = 180  # at least

@@ -19,9 +19,10 @@ from pathlib import Path
 import numpy as np
 
 import motionmend.io as io
-from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose
+from motionmend.damage.planting import Truth, mirrored_pairs, plant_and_tell
+from motionmend.diagnosis.diagnosing import diagnose
+from motionmend.diagnosis.findings import CERTAIN, Diagnosis
 from motionmend.motion import Motion, Skeleton, Take
-from motionmend.planting import Truth, mirrored_pairs, plant_and_tell
 from motionmend.rotations import IDENTITY
 
 Array = np.ndarray

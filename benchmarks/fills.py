@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 import motionmend.io as io
-from motionmend import auto
-from motionmend.fills import FILLS, Fill
+from motionmend.fills.auto import Auto, rig_methods
+from motionmend.fills.channels import RIG_FILLS, fill_rig
+from motionmend.fills.points import FILLS, Fill
 from motionmend.motion import Motion, Rig, Skeleton
-from motionmend.rigfills import RIG_FILLS, fill_rig
 from motionmend.rotations import apply, between
 
 Array = np.ndarray
@@ -187,9 +187,9 @@ def main() -> None:
     options, data, told = asked(__doc__)
     print(f"{told}, Python {platform.python_version()}, NumPy {np.__version__}")
 
-    turns = {name: by_turns(name) for name in RIG_FILLS} | {"auto": by_turns(auto.rig_methods)}
+    turns = {name: by_turns(name) for name in RIG_FILLS} | {"auto": by_turns(rig_methods)}
     turns["hermite in space"] = in_space(FILLS["hermite"])
-    fills = {**FILLS, "auto": auto.Auto()}
+    fills = {**FILLS, "auto": Auto()}
     space = {name: in_space(fill) for name, fill in fills.items()}
     table("Rig, the body", {name: rig_row(data, None, fill, options.seed) for name, fill in turns.items()})
     joints = []

@@ -15,10 +15,13 @@ from dataclasses import replace
 import numpy as np
 from fills import LOST, asked, below, holes
 
-from motionmend import auto, feet, network_fill, repairs
-from motionmend.body import map_rig
+from motionmend.body.mapping import map_rig
+from motionmend.constraints import feet
+from motionmend.fills.kinds import point_kinds, rig_kinds
 from motionmend.gaps import Gaps
 from motionmend.motion import Take, Units
+from motionmend.repairs import network_fill, repairing
+from motionmend.repairs.chooser import NETWORK_WINS
 
 Array = np.ndarray
 SECONDS = (0.3, 0.5, 0.7, 0.9, 1.2, 2.0, 3.0)
@@ -43,11 +46,11 @@ def errors(
         legs = feet.legs(mapping.joints)
         if points:
             take = replace(take, rig=None)
-            kinds |= set(auto.point_kinds(take.motion, Gaps.of(take.motion.observed), mapping))
+            kinds |= set(point_kinds(take.motion, Gaps.of(take.motion.observed), mapping))
         else:
-            kinds |= set(auto.rig_kinds(broken, Gaps.of(broken.trusted)))
+            kinds |= set(rig_kinds(broken, Gaps.of(broken.trusted)))
         for method, found in misses.items():
-            filled, _ = repairs.fill(take, method, (), legs, mapping)
+            filled, _ = repairing.fill(take, method, (), legs, mapping)
             found.append(np.linalg.norm(filled.motion.positions - rig.kinematics[0], axis=-1)[unseen])
     return ", ".join(sorted(kinds)), np.array([1e3 * np.concatenate(found).mean() for found in misses.values()])
 
@@ -55,9 +58,9 @@ def errors(
 def main() -> None:
     options, data, told = asked(__doc__, network="xmae")
     network = network_fill.required(options.network)
-    names = list(auto.NETWORK_WINS)
+    names = list(NETWORK_WINS)
     for name in names[names.index(options.network) :]:
-        auto.NETWORK_WINS[name] = {}
+        NETWORK_WINS[name] = {}
     print(f"{told}; {network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
           f"NumPy {np.__version__}\n")  # fmt: skip
     print("| lost | kinds | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")

@@ -24,8 +24,9 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 import motionmend as mm
-from motionmend.body import LIMBS, map_rig
-from motionmend.constraints import affected_by
+from motionmend.body.joints import LIMBS
+from motionmend.body.mapping import map_rig
+from motionmend.constraints.checks import affected_by
 
 SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9)
 KINDS = ["body", "arm", "leg"]

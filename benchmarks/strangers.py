@@ -18,10 +18,12 @@ import numpy as np
 from fills import holes
 
 import motionmend.io as io
-from motionmend import feet, network_fill, repairs
-from motionmend.body import LIMBS, map_rig
+from motionmend.body.joints import LIMBS
+from motionmend.body.mapping import map_rig
+from motionmend.constraints import feet
+from motionmend.fills.channels import RIG_FILLS
 from motionmend.motion import Take
-from motionmend.rigfills import RIG_FILLS
+from motionmend.repairs import network_fill, repairing
 
 Array = np.ndarray
 SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.2, 2.0)
@@ -47,7 +49,7 @@ def missed(take: Take, whole: Array, lost: Array, mapping, methods: list[str]) -
         return None
     damaged, errors = replace(take, rig=broken, motion=broken.motion(take.fps)), []
     for method in methods:
-        filled, _ = repairs.fill(damaged, method, (), feet.legs(mapping.joints), mapping)
+        filled, _ = repairing.fill(damaged, method, (), feet.legs(mapping.joints), mapping)
         errors.append(1e3 * np.linalg.norm(filled.motion.positions - take.motion.positions, axis=-1)[unseen])
     return np.array(errors)
 

@@ -24,9 +24,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from motionmend import damage
-from motionmend.corpus import Corpus
-from motionmend.models.network import Network
+from motionmend.corpora.corpus import Corpus
+from motionmend.damage import corruption
+from motionmend.networks.models.network import Network
 from motionmend.training.batches import Batches
 from motionmend.training.config import settle
 from motionmend.training.loop import train
@@ -61,8 +61,8 @@ class StandIn(Network):
 
     def batch(self, positions, observed, rng, step):
         positions = np.where(observed[..., None], positions, np.float32(0))
-        masked, displaced = damage.token_masks(observed.shape, rng, observed=observed)
-        given = damage.displace(positions, displaced, damage.ball((int(displaced.sum()),), 1.0, rng))
+        masked, displaced = corruption.token_masks(observed.shape, rng, observed=observed)
+        given = corruption.displace(positions, displaced, corruption.ball((int(displaced.sum()),), 1.0, rng))
         shown = observed & ~masked
         mean = (given * shown[..., None]).sum((1, 2)) / np.maximum(shown.sum((1, 2)), 1)[:, None]
         mean = mean.astype(np.float32) * np.float32([1, 0, 1])

@@ -18,12 +18,13 @@ import torch
 from convae import medians
 
 from motionmend.benchmark.provenance import machine
-from motionmend.body import BODY, JOINT
-from motionmend.export import export
-from motionmend.models.cvae_rnn import CVAERNN
-from motionmend.models.trajevae import TrajeVAE
-from motionmend.networks import GenerativeCompleter, load_completer
-from motionmend.spaces import STANDING, UPRIGHT
+from motionmend.body.joints import BODY, JOINT
+from motionmend.body.standing import STANDING, UPRIGHT
+from motionmend.networks.export import export
+from motionmend.networks.generative import GenerativeCompleter
+from motionmend.networks.loading import load_completer
+from motionmend.networks.models.cvae_rnn import CVAERNN
+from motionmend.networks.models.trajevae import TrajeVAE
 
 GIVEN = [JOINT["left_hand"], JOINT["right_hand"]]
 

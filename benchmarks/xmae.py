@@ -32,10 +32,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from motionmend import checkpoints, networks
-from motionmend.body import BODY, LIMBS
-from motionmend.export import export, halved
-from motionmend.models.xmae import SIZES, XMAE, Attention, XMAEConfig
+from motionmend.body.joints import BODY, LIMBS
+from motionmend.networks import checkpoints
+from motionmend.networks.completers import TOKENS, NetworkCompleter
+from motionmend.networks.export import export, halved
+from motionmend.networks.loading import load_completer
+from motionmend.networks.models.xmae import SIZES, XMAE, Attention, XMAEConfig
 
 TASKS = ("0.5 s of the body", "one arm", "90 % of all")
 PEAK = 1536
@@ -147,11 +149,11 @@ def damaged(task: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray
     return positions, observed
 
 
-def running(name: str, network: XMAE, completer: networks.NetworkCompleter, options: argparse.Namespace) -> None:
+def running(name: str, network: XMAE, completer: NetworkCompleter, options: argparse.Namespace) -> None:
     naive, rng = Naive(network).eval(), np.random.default_rng(options.seed)
     for task in TASKS:
         positions, observed = damaged(task, options.batch, rng)
-        rows = max(1, networks.TOKENS // observed[0].size)  # at once, for torch as for ours
+        rows = max(1, TOKENS // observed[0].size)  # at once, for torch as for ours
         few = min(2 * rows, options.batch)  # for torch, to save time: a window takes as long among any number
 
         def torch_way(packed: bool, positions=positions[:few], observed=observed[:few]) -> np.ndarray:
@@ -161,7 +163,7 @@ def running(name: str, network: XMAE, completer: networks.NetworkCompleter, opti
                 with torch.inference_mode():
                     return naive(**tensors).numpy().reshape(-1, *observed.shape[1:], 3)
 
-            return networks.completer(completer.description, run).windows(positions, observed)
+            return completer(completer.description, run).windows(positions, observed)
 
         ways = {
             "ours": lambda p=positions, o=observed: completer.windows(p, o),
@@ -276,9 +278,9 @@ def main() -> None:
             real = damaged(TASKS[0], 2, np.random.default_rng(options.seed))
             where = export(network, Path(folder) / "paper", skeleton=BODY, windows=real)
             assert isinstance(network, XMAE)
-            running("paper's", network, networks.load_completer(where), options)
+            running("paper's", network, load_completer(where), options)
         if options.checkpoint:
-            completer = networks.load_completer(options.checkpoint)
+            completer = load_completer(options.checkpoint)
             stored = checkpoints.load_network(checkpoints.find(options.checkpoint))
             if not isinstance(stored, XMAE):
                 raise SystemExit(f"{options.checkpoint} is no XMAE")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import motionmend as mm
-from motionmend.picture import draw_filled
+from motionmend.repairs.picture import draw_filled
 
 CLIPS, FPS, SEED_SECONDS = 16, 60.0, 0.65
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from motionmend.body import BODY
-from motionmend.checkpoints import Description
-from motionmend.networks import GenerativeCompleter
+from motionmend.body.joints import BODY
+from motionmend.networks.checkpoints import Description
+from motionmend.networks.generative import GenerativeCompleter
 
 
 def follower(fps=50.0, frames=101, sway=0.03, late=0.9, grows=0.03, rises=0.0) -> GenerativeCompleter:

@@ -14,11 +14,14 @@ import pytest
 
 import motionmend as mm
 from follower import follower
-from motionmend import checkpoints, metrics, trajectories
-from motionmend.body import BODY, JOINT, map_rig, to_body
-from motionmend.cli import main
+from motionmend.animation import trajectories
+from motionmend.body.joints import BODY, JOINT
+from motionmend.body.mapping import map_rig, to_body
+from motionmend.cli.main import main
 from motionmend.errors import InputError
+from motionmend.metrics import positional
 from motionmend.motion import Motion, Skeleton, Take, Units
+from motionmend.networks import checkpoints
 from motionmend.rotations import apply, from_axis
 from walks import WALK
 
@@ -45,7 +48,7 @@ def off(take: Take, name: str, path: np.ndarray) -> np.ndarray:
 
 
 def bones(take: Take) -> np.ndarray:
-    lengths = metrics.bone_lengths(take.motion.positions, take.skeleton.parents)
+    lengths = positional.bone_lengths(take.motion.positions, take.skeleton.parents)
     return lengths[:, np.isfinite(lengths).all(axis=0)]
 
 
@@ -101,7 +104,7 @@ def test_a_path_that_cannot_be_reached_is_named(walk):
     assert span.by == pytest.approx(error.max(), abs=0.01) and 100 < span.by < 2000
     assert error[: span.start].max() < 5
     assert f"{span.start}:120 by up to {span.by:.0f} mm" in str(made.report)
-    steps = metrics.steps(made.motion.positions)[0][70:]
+    steps = positional.steps(made.motion.positions)[0][70:]
     assert np.nanpercentile(steps, 99) < 20 and np.nanmax(steps) < 40  # stretched out it does not shake
 
 
@@ -113,7 +116,7 @@ def test_corrections_come_and_go_without_a_pop(walk):
     assert np.nanmax(error) < 5
     (told,) = made.report.variants[0].control
     assert told.frames == 121 and told.joined == 0
-    jumps = metrics.steps(made.motion.positions)[0]
+    jumps = positional.steps(made.motion.positions)[0]
     coming, going = jumps[20:60], jumps[184:230]  # in between it shakes as the hand that the path is from
     assert max(coming.max(), going.max()) < 5
 
@@ -123,7 +126,7 @@ def test_a_path_that_begins_elsewhere_is_joined(walk):
     (told,) = made.report.variants[0].control
     assert told.begins == pytest.approx(100, abs=0.1) and told.joined == 60 and told.result[1] < 5
     assert np.array_equal(made.motion.positions[0], walk.motion.positions[FRAME])
-    assert np.nanmax(metrics.steps(made.motion.positions)[0][:60, walk.skeleton.index("LeftHand")]) < 10
+    assert np.nanmax(positional.steps(made.motion.positions)[0][:60, walk.skeleton.index("LeftHand")]) < 10
     assert "its path begins 100 mm from the pose, and is joined by frame 60" in str(made.report)
 
 
@@ -287,7 +290,7 @@ def without(take: Take, *names: str) -> Take:
 
 
 def test_guessed_toes_are_where_toes_are(walk):
-    from motionmend.puppet import puppet
+    from motionmend.animation.puppets import puppet
 
     take = without(walk, "LeftToeBase", "RightToeBase")
     pose = puppet(take, FRAME, 2, map_rig(take.skeleton, take.motion.positions)).pose
@@ -471,8 +474,8 @@ def network(tmp_path_factory) -> Path:
     pytest.importorskip("onnx")
     import torch
 
-    from motionmend.export import export, halved
-    from motionmend.windows import cut
+    from motionmend.networks.export import export, halved
+    from motionmend.networks.windows import cut
     from tiny import TinyDream, TinyDreamConfig
     from walks import walk as at_rate
 

@@ -1,8 +1,8 @@
-"""The house stands as drawn: imports point down, and small commands start light."""
+"""The house stands as drawn: contracts hold and bite, files can be read in one sitting, small commands start light."""
 
 from __future__ import annotations
 
-import ast
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,55 +12,75 @@ import pytest
 import motionmend
 
 PACKAGE = Path(motionmend.__file__).parent
-
-# A module may import from its own floor and from those below it.
-FLOORS = {
-    "__init__": 9, "errors": 0, "motion": 0, "rotations": 0,
-    "body": 0, "body_names": 0, "body_shape": 0, "metrics": 0, "metrics_sampling": 0, "metrics_rotation": 0,
-    "io": 1, "damage": 1, "planting": 1, "diagnosis": 1, "symptoms": 1, "swaps": 1, "compensation": 1,
-    "links": 1, "offsets": 1, "disagreement": 1, "prediction": 1,
-    "ranges": 1, "report": 1, "progress": 1,
-    "gaps": 1, "curves": 1, "donors": 1, "fills": 1, "rigfills": 1, "auto": 1,
-    "aiming": 2, "constraints": 2, "feet": 2, "fitting": 2,
-    "corpus": 2, "corpus_writer": 2, "footing": 2, "windows": 2, "rows": 2, "spaces": 2, "checkpoints": 2,
-    "networks": 2, "runtimes": 2, "denoise": 2,
-    "models": 2,
-    "datasets": 3, "corpora": 3, "poses": 3, "benchmark": 3, "export": 3, "fused_attention": 2, "card": 3,
-    "training": 4, "network_fill": 2, "varied_fill": 3, "repairs": 3, "comparison": 3, "inspection": 3, "picture": 3,
-    "composing": 3, "transfer": 3, "blending": 3, "chaining": 3,
-    "trajectories": 3, "puppet": 3, "control": 3, "animation": 3, "animation_report": 3, "cli_animate": 5,
-    "demo": 4, "cli_options": 5, "cli_data": 5, "cli_benchmark": 5, "cli_train": 5,
-    "cli_compose": 5, "cli": 5, "__main__": 6,
-}  # fmt: skip
+ROOT = PACKAGE.parents[1]
 HEAVY = ("torch", "scipy", "matplotlib", "ezc3d", "pygltflib", "rich.progress")
 
 
-def room(path: Path) -> str:
-    """The module's name on the plan; everything in io/ is one room."""
-    inside = path.relative_to(PACKAGE)
-    return inside.parts[0] if len(inside.parts) > 1 else path.stem
+def linted(folder: Path) -> subprocess.CompletedProcess[str]:
+    """import-linter on a copy of the package, by the contracts of pyproject.toml."""
+    pytest.importorskip("importlinter")
+    code = "import sys; sys.path.insert(0, 'src'); from importlinter.cli import lint_imports_command as run; run()"
+    return subprocess.run(
+        [sys.executable, "-c", code, "--no-cache"], cwd=folder, capture_output=True, text=True, check=False
+    )
 
 
-def imported_rooms(path: Path) -> set[str]:
-    depth = len(path.relative_to(PACKAGE).parts)
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level == depth:
-            found |= {node.module.split(".")[0]} if node.module else {alias.name for alias in node.names}
-    return found - {"__version__"}
+@pytest.fixture
+def house(tmp_path):
+    """A copy of the source and of what says how it is to be."""
+    if not (ROOT / "pyproject.toml").is_file():
+        pytest.skip("the package is installed without its pyproject.toml")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    kept = shutil.ignore_patterns("__pycache__", "weights", "examples")
+    shutil.copytree(PACKAGE, tmp_path / "src" / "motionmend", ignore=kept)
+    return tmp_path
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_point_down(path):
-    here = FLOORS[room(path)]
-    for other in imported_rooms(path):
-        if other in FLOORS:
-            assert FLOORS[other] <= here, f"{room(path)} (floor {here}) imports {other} (floor {FLOORS[other]})"
+# What a change adds to which file, and the contract that it breaks.
+BREACHES = {
+    "a room that knows one below it": ("body/names.py", "from ..fills import points", "rooms"),
+    "a lazy import of one below it": ("fills/points.py", "def late():\n    from ..repairs import repairing", "rooms"),
+    "two neighbours": ("io/units_of.py", "from ..metrics import positional", "rooms"),
+    "animation and composition": ("animation/animating.py", "from ..composition import blending", "rooms"),
+    "a room with no place in the table": ("attic/__init__.py", "", "rooms"),
+    "a circle inside a room": ("fills/curves.py", "from .channels import fill_rig", "no-circles"),
+    "a circle inside a room's room": ("networks/models/network.py", "from . import xmae", "no-circles"),
+    "torch in a fill": ("fills/donors.py", "def late():\n    import torch", "torch"),
+    "torch where networks are run": ("networks/completers.py", "import torch", "torch"),
+    "the command line from a job": ("repairs/report.py", "def late():\n    from ..cli import main", "cli"),
+}
+
+
+def test_the_contracts_hold(house):
+    done = linted(house)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 broken" in done.stdout
+
+
+@pytest.mark.parametrize("breach", BREACHES)
+def test_the_contracts_bite(house, breach):
+    name, line, contract = BREACHES[breach]
+    path = house / "src" / "motionmend" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text((path.read_text(encoding="utf-8") if path.exists() else "") + f"\n{line}\n", encoding="utf-8")
+    done = linted(house)
+    config = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    title = config.split(f'id = "{contract}"\nname = "')[1].split('"')[0]
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert f"{title} BROKEN" in " ".join(done.stdout.split()), done.stdout
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_files_can_be_read_in_one_sitting(path):
-    assert len(path.read_text().splitlines()) <= 400
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+
+
+@pytest.mark.parametrize("room", sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py")))
+def test_a_room_says_what_it_holds_and_what_it_must_not_know(room):
+    head = (PACKAGE / room / "__init__.py").read_text(encoding="utf-8").split('"""')[1]
+    what, boundary = head.strip().split("\n\n")[:2]
+    assert 3 <= len((what + "\n\n" + boundary).splitlines()) <= 6
+    assert "must not" in boundary.replace("\n", " ") or "nothing" in boundary.lower()
 
 
 def loaded_by(*arguments: str) -> list[str]:

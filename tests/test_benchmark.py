@@ -10,20 +10,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motionmend import InputError, network_fill
-from motionmend.auto import Auto
-from motionmend.benchmark import Clock, classical, methods, protocol, provenance, quality, quick, run, trials, xmae
+from motionmend import InputError
+from motionmend.benchmark import Clock, classical, protocol, provenance, quality, quick, run, trials, xmae
+from motionmend.benchmark.method import Method
+from motionmend.benchmark.methods import find, find_all, hold, of_completer
 from motionmend.benchmark.results import TRUTH, Cell, Protocol, evenly
 from motionmend.benchmark.table import best, decimals_for, table
-from motionmend.body import BODY, JOINT, LIMBS
-from motionmend.checkpoints import Description
-from motionmend.cli import main
-from motionmend.corpus import ClipInfo, Corpus
-from motionmend.corpus_writer import write_corpus
-from motionmend.denoise import denoise
-from motionmend.fills import FILLS
+from motionmend.body.joints import BODY, JOINT, LIMBS
+from motionmend.cli.main import main
+from motionmend.corpora.corpus import ClipInfo, Corpus
+from motionmend.corpora.writing import write_corpus
+from motionmend.fills.points import FILLS
 from motionmend.motion import Motion, Skeleton
-from motionmend.networks import NetworkCompleter
+from motionmend.networks.checkpoints import Description
+from motionmend.networks.completers import NetworkCompleter
+from motionmend.repairs import network_fill
+from motionmend.repairs.chooser import Chooser
+from motionmend.repairs.denoising import denoise
 
 FPS = 60.0
 STANDING = np.random.default_rng(3).uniform([-0.5, 0.5, -0.5], [0.5, 1.5, 0.5], (len(BODY), 3))
@@ -98,7 +101,7 @@ FILL_NAMES = ["linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid"
 @pytest.mark.parametrize("name", [*FILL_NAMES, "zero-velocity"])
 def test_fills_keep_what_is_observed_and_read_nothing_else(name):
     positions, observed = damaged_batch()
-    fill = methods.find(name).fill
+    fill = find(name).fill
     out = fill(positions, observed, FPS, BODY)
     poisoned = np.where(observed[..., None], positions, np.float32(np.nan))
     assert np.array_equal(out[observed], positions[observed])
@@ -109,9 +112,9 @@ def test_fills_keep_what_is_observed_and_read_nothing_else(name):
 @pytest.mark.parametrize("name", FILL_NAMES)
 def test_a_batch_is_its_windows_bit_for_bit(name):
     positions, observed = damaged_batch()
-    out = methods.find(name).fill(positions, observed, FPS, BODY)
+    out = find(name).fill(positions, observed, FPS, BODY)
     improve = {name: network.improve for name, network in network_fill.installed().items()}
-    completer = Auto(improve=improve) if name == "auto" else FILLS[name]
+    completer = Chooser(improve=improve) if name == "auto" else FILLS[name]
     for window, (places, seen) in enumerate(zip(positions, observed)):
         alone = completer.complete(Motion(places, seen, FPS, BODY))
         assert np.array_equal(out[window][alone.observed], alone.positions[alone.observed])
@@ -121,7 +124,7 @@ def test_a_batch_is_its_windows_bit_for_bit(name):
 @pytest.mark.parametrize("name", ["savgol", "butterworth"])
 def test_a_filtered_batch_is_its_windows_bit_for_bit(name):
     positions, observed = damaged_batch()
-    out = methods.find(name).restore(positions, observed, FPS, BODY)
+    out = find(name).restore(positions, observed, FPS, BODY)
     for window, (places, seen) in enumerate(zip(positions, observed)):
         alone = denoise(Motion(places, seen, FPS, BODY), name)
         assert np.array_equal(out[window][seen], alone.positions[seen])
@@ -130,22 +133,22 @@ def test_a_filtered_batch_is_its_windows_bit_for_bit(name):
 def test_zero_velocity_holds_the_last_pose():
     positions = np.arange(6, dtype=np.float32)[None, :, None, None] * np.ones((1, 1, 2, 3), np.float32)
     observed = np.array([[0, 1, 0, 0, 1, 0], [0, 0, 0, 0, 0, 0]], bool).T[None]
-    held = methods.hold(positions, observed)
+    held = hold(positions, observed)
     assert held[0, :, 0, 0].tolist() == [1, 1, 1, 1, 4, 4]
     assert np.isnan(held[0, :, 1]).all()
-    sample = methods.find("zero-velocity").sample(positions[:, 0], positions[:, 1:], observed[:, 1:], 2, 0)
+    sample = find("zero-velocity").sample(positions[:, 0], positions[:, 1:], observed[:, 1:], 2, 0)
     assert sample.shape == (1, 2, 5, 2, 3) and not sample.any()
 
 
 def test_unknown_methods_name_the_nearest():
     with pytest.raises(InputError, match=r"unknown method 'hermit'.*hermite"):
-        methods.find("hermit")
+        find("hermit")
     with pytest.raises(InputError, match=r"unknown method 'nearest-carry'.*nearest-carried, nearest"):
-        methods.find("nearest-carry")
+        find("nearest-carry")
     with pytest.raises(InputError, match="named twice"):
-        methods.find_all(["linear", "linear"])
+        find_all(["linear", "linear"])
     with pytest.raises(InputError, match="gone"):
-        methods.find("./gone/away")
+        find("./gone/away")
 
 
 def constant_network(frames=60, fps=FPS) -> NetworkCompleter:
@@ -169,7 +172,7 @@ def constant_network(frames=60, fps=FPS) -> NetworkCompleter:
 
 
 def test_a_network_restores_everything_and_fills_what_is_missing():
-    method = methods.of_completer("constant", constant_network())
+    method = of_completer("constant", constant_network())
     positions, observed = damaged_batch()
     assert (method.restore(positions, observed, FPS, BODY) == [0, 1, 0]).all()
     filled = method.fill(positions, observed, FPS, BODY)
@@ -207,8 +210,8 @@ def test_means_are_weighted():
 
 
 def test_a_trial_asks_methods_for_what_they_can_do():
-    fills, both = methods.find("linear"), methods.of_completer("n", constant_network())
-    restores = methods.find("none")
+    fills, both = find("linear"), of_completer("n", constant_network())
+    restores = find("none")
 
     def doing(does, method):
         return trials.Trial("t", "s", np.zeros(1, int), 60, trials.noisy(1.0), does).doing(method)
@@ -220,7 +223,7 @@ def test_a_trial_asks_methods_for_what_they_can_do():
 
 
 def test_straight_motion_costs_a_straight_line_nothing(lines):
-    cells = xmae.measure(lines, "test", methods.find_all(["linear", "zero-velocity"]))
+    cells = xmae.measure(lines, "test", find_all(["linear", "zero-velocity"]))
     for task in ("full skeleton missing", "arm missing", "leg missing", "arm displaced, told where"):
         assert max(values(cells, task, "MPJPE, global", "linear")) < 1e-3
         assert max(values(cells, task, "seam jump", "linear")) < 1e-2 if "told" not in task else True
@@ -251,7 +254,7 @@ def test_a_displaced_arm_is_off_by_its_offset(walking):
     assert np.ptp(offset, axis=1).max() < 1e-6 and np.ptp(lengths[:, 0]) > 0.01
     assert np.array_equal(judged[0].nonzero()[0], np.repeat(np.arange(15, 45), 3))
     assert np.array_equal(damaged[~judged], truth[~judged])
-    cells = xmae.measure(walking, "test", methods.find_all(["none", "linear"]), seed=5)
+    cells = xmae.measure(walking, "test", find_all(["none", "linear"]), seed=5)
     expected = lengths[:, 0].mean() * 1000  # the offset of a seed is the same for both arms and for all times
     assert values(cells, "arm displaced", "MPJPE, global", "none") == pytest.approx([expected] * 5, rel=1e-4)
     told = values(cells, "arm displaced, told where", "MPJPE, global", "linear")
@@ -261,7 +264,7 @@ def test_a_displaced_arm_is_off_by_its_offset(walking):
 
 
 def test_noise_has_the_length_of_a_gaussian(walking):
-    cells = xmae.measure(walking, "test", methods.find_all(["none", "savgol"]))
+    cells = xmae.measure(walking, "test", find_all(["none", "savgol"]))
     chi = 2 * np.sqrt(2 / np.pi)  # the mean length of a standard Gaussian vector in three dimensions
     expected = [sigma * 1000 * chi for sigma in xmae.POSITION_SIGMAS]
     assert values(cells, "noise on positions", "MPJPE, global", "none") == pytest.approx(expected, rel=0.02)
@@ -292,7 +295,7 @@ def test_a_joint_never_seen_counts_nowhere(tmp_path):
     gone = JOINT["left_hand"]
     whole = corpus_of(tmp_path / "whole.corpus", [wandering(60, 1)])
     lacking = corpus_of(tmp_path / "lacking.corpus", [wandering(60, 1)], lost=[gone])
-    linear = methods.find_all(["linear", "none"])
+    linear = find_all(["linear", "none"])
     few, all_of_it = (xmae.measure(corpus, "test", linear) for corpus in (lacking, whole))
     assert all(np.isfinite(cell.value) for cell in few)
     truth, _ = whole.windows([0], 60)
@@ -308,7 +311,7 @@ def test_a_joint_never_seen_counts_nowhere(tmp_path):
 
 
 def test_trials_in_blocks_are_the_trials_at_once(walking, monkeypatch):
-    named = methods.find_all(["hermite"])
+    named = find_all(["hermite"])
     whole = xmae.measure(walking, "test", named, seed=1)
     monkeypatch.setattr(xmae, "BATCH", 2)
     for one, other in zip(whole, xmae.measure(walking, "test", named, seed=1), strict=True):
@@ -318,7 +321,7 @@ def test_trials_in_blocks_are_the_trials_at_once(walking, monkeypatch):
 
 
 def test_a_network_is_measured_both_ways(walking):
-    method = methods.of_completer("constant", constant_network())
+    method = of_completer("constant", constant_network())
     cells = xmae.measure(walking, "test", [method])
     truth, _ = walking.windows(xmae.starts(walking, "test"), 60)
     away = np.linalg.norm(truth - np.float32([0, 1, 0]), axis=-1) * 1000
@@ -331,7 +334,7 @@ def test_a_network_is_measured_both_ways(walking):
 
 def test_quick_numbers_are_the_protocols_own(walking):
     found = quick("xmae", constant_network(), walking, "test", windows=3, seed=2)
-    cells = xmae.measure(walking, "test", [methods.of_completer("n", constant_network())], seed=2, limit=3)
+    cells = xmae.measure(walking, "test", [of_completer("n", constant_network())], seed=2, limit=3)
     gaps = values(cells, "full skeleton missing", "MPJPE, root-relative", "n")
     assert next(iter(found)) == "full skeleton, root-relative"
     assert found["full skeleton, root-relative"] == pytest.approx(np.mean([gaps[1], gaps[2], gaps[4]]))
@@ -342,7 +345,7 @@ def test_quick_numbers_are_the_protocols_own(walking):
 def test_quick_numbers_have_classical_ones_beside_them(walking):
     found = quick("xmae", None, walking, "test", windows=3, seed=2)
     assert classical("xmae") == "hermite and butterworth"
-    cells = xmae.measure(walking, "test", methods.find_all(["hermite", "butterworth"]), seed=2, limit=3)
+    cells = xmae.measure(walking, "test", find_all(["hermite", "butterworth"]), seed=2, limit=3)
     gaps = values(cells, "full skeleton missing", "MPJPE, global", "hermite")
     assert found["full skeleton, global"] == pytest.approx(np.mean([gaps[1], gaps[2], gaps[4]]))
     noise = values(cells, "noise on positions", "MPJPE, global", "butterworth")
@@ -450,7 +453,7 @@ def test_the_command_in_the_header_gives_the_same_numbers(walking, tmp_path, cap
 
 
 def test_other_seeds_give_other_damage(walking):
-    named = methods.find_all(["none"])
+    named = find_all(["none"])
     cells = [xmae.measure(walking, "test", named, seed=seed) for seed in (0, 1)]
     one, other = (values(each, "arm displaced", "MPJPE, global", "none") for each in cells)
     assert one != other
@@ -509,7 +512,7 @@ def test_the_clock_leaves_out_the_first_call(monkeypatch):
     ticks = iter([0.0, 100.0, 200.0, 203.0, 300.0, 301.0])
     monkeypatch.setattr("time.perf_counter", lambda: next(ticks))
     clock = Clock()
-    linear = clock.timed(methods.Method("linear", fill=lambda *_: np.zeros(1)))
+    linear = clock.timed(Method("linear", fill=lambda *_: np.zeros(1)))
     for _ in range(3):
         linear.fill(np.zeros((2, 10, 1, 3)))
     assert clock.table() == {"linear": {"fill": {"seconds_per_frame": 0.1, "ratio": 1.0}}}
@@ -522,7 +525,7 @@ def test_the_commit_is_that_of_the_checkout(tmp_path):
 
 def test_asking_for_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom motionmend.cli import main\n"
+        "import sys\nfrom motionmend.cli.main import main\n"
         "try:\n    main(['benchmark', '--help'])\nexcept SystemExit:\n    pass\n"
         "heavy = 'torch', 'scipy', 'matplotlib', 'onnxruntime'\n"
         "print(*[name for name in heavy if name in sys.modules], file=sys.stderr)"

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from motionmend.benchmark import convae, methods
-from motionmend.benchmark.methods import Method
+from motionmend.benchmark import convae
+from motionmend.benchmark.method import Method
+from motionmend.benchmark.methods import find, find_all
 from motionmend.benchmark.results import TRUTH
-from motionmend.body import BODY, JOINT
-from motionmend.corpus import ClipInfo
-from motionmend.corpus_writer import write_corpus
+from motionmend.body.joints import BODY, JOINT
+from motionmend.corpora.corpus import ClipInfo
+from motionmend.corpora.writing import write_corpus
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton
-from motionmend.rows import body_local
+from motionmend.networks.rows import body_local
 
 STANDING = np.zeros((21, 3))
 for _name, _joint in JOINT.items():
@@ -71,7 +72,7 @@ def test_a_straight_walk_is_linear_to_the_bit_and_held_by_zero_velocity(tmp_path
     speed = 0.02  # metres a frame
     walk = STANDING + np.arange(350)[:, None, None] * np.array([0, 0, speed])
     corpus = corpus_of(tmp_path, walk)
-    found = methods.find_all(["linear", "hermite", "zero-velocity"])
+    found = find_all(["linear", "hermite", "zero-velocity"])
     cells = convae.measure(corpus, "validation", found)
     bones = [cell.task in convae.BONE_TASKS.values() for cell in cells]
     assert any(bones) and bones == sorted(bones)  # after the errors
@@ -146,7 +147,7 @@ def test_an_unmoved_body_faces_forward_over_the_origin():
 
 def test_noise_is_as_large_as_it_says(tmp_path):
     corpus = corpus_of(tmp_path, lively(480))
-    cells = measured(corpus, methods.find_all(["none", "butterworth", "linear"]), "noise", "infilling")
+    cells = measured(corpus, find_all(["none", "butterworth", "linear"]), "noise", "infilling")
     noise = values(cells, convae.WORLD, "noise")
     # The length of a Gaussian vector: sigma * sqrt(8 / pi).
     assert noise["none", "62.5 mm"] == pytest.approx(6.25 * np.sqrt(8 / np.pi), rel=0.01)
@@ -190,7 +191,7 @@ def test_dropout_and_lost_joints_hide_what_they_say(tmp_path):
 
 def test_what_cannot_be_filled_is_a_dash_and_no_quality(tmp_path):
     corpus = corpus_of(tmp_path, lively(240))
-    cells = measured(corpus, methods.find_all(["linear"]), "joints lost")
+    cells = measured(corpus, find_all(["linear"]), "joints lost")
     lost = [cell for cell in cells if cell.method == "linear"]
     assert lost and all(np.isnan(cell.value) for cell in lost)
 
@@ -221,23 +222,23 @@ def test_windows_are_whole_and_every_120_frames(tmp_path):
     starts = convae.starts(corpus, "validation")
     assert starts.tolist() == [0, 120, 479 + 239 + 120, 479 + 239 + 240, 479 + 239 + 480]
     # A joint that was never seen is nobody's error.
-    cells = measured(corpus, methods.find_all(["linear"]), "infilling")
+    cells = measured(corpus, find_all(["linear"]), "infilling")
     assert np.isfinite(values(cells, convae.WORLD, "infilling")["linear", "60 frames"])
 
 
 def test_the_same_call_gives_the_same_cells_and_methods_do_not_touch_each_other(tmp_path):
     corpus = corpus_of(tmp_path, lively(240))
-    alone = measured(corpus, methods.find_all(["savgol"]), "noise", seed=3)
-    both = measured(corpus, methods.find_all(["none", "savgol"]), "noise", seed=3)
+    alone = measured(corpus, find_all(["savgol"]), "noise", seed=3)
+    both = measured(corpus, find_all(["none", "savgol"]), "noise", seed=3)
     own = [cell for cell in both if cell.method in ("savgol", TRUTH)]
     assert sorted(map(repr, own)) == sorted(map(repr, alone))
-    other = measured(corpus, methods.find_all(["savgol"]), "noise", seed=4)
+    other = measured(corpus, find_all(["savgol"]), "noise", seed=4)
     assert repr(other) != repr(alone)
 
 
 def test_quick_is_a_mean_of_what_the_protocol_says(tmp_path):
     corpus = corpus_of(tmp_path, lively(360))
-    hermite = methods.find("hermite")
+    hermite = find("hermite")
     few = convae.quick(hermite, corpus, "validation", windows=2)
     full = values(measured(corpus, [hermite], "infilling"), convae.BODY_LOCAL)
     assert next(iter(few)) == "infilling, body-local"
@@ -258,7 +259,7 @@ def test_what_cannot_be_measured_is_said(tmp_path):
 def test_a_rig_without_toes_has_boxes_for_the_bones_it_has(tmp_path):
     clip = lively(240)
     clip[:, [JOINT["left_toe"], JOINT["right_toe"]]] = np.nan
-    cells = convae.measure(corpus_of(tmp_path, clip), "validation", methods.find_all(["linear"]))
+    cells = convae.measure(corpus_of(tmp_path, clip), "validation", find_all(["linear"]))
     boxes = {cell.metric for cell in cells if cell.task in convae.BONE_TASKS.values()}
     assert boxes and boxes < set(convae.BONES)
     assert set(convae.figures(cells)) == {"bone_lengths_gap_of_120_frames", "bone_lengths_whole_window"}

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from motionmend.benchmark import methods, neighbours, trajevae
+from motionmend.benchmark import neighbours, trajevae
 from motionmend.benchmark.constrained import constrained
-from motionmend.benchmark.methods import Method
+from motionmend.benchmark.method import Method
+from motionmend.benchmark.methods import find, find_all, of_completer
 from motionmend.benchmark.results import TRUTH
-from motionmend.body import BODY, JOINT
-from motionmend.corpus import ClipInfo
-from motionmend.corpus_writer import write_corpus
+from motionmend.body.joints import BODY, JOINT
+from motionmend.corpora.corpus import ClipInfo
+from motionmend.corpora.writing import write_corpus
 from motionmend.errors import InputError
-from motionmend.metrics_sampling import bone_stretch
+from motionmend.metrics.sampling import bone_stretch
 from motionmend.motion import Motion, Skeleton
 from walks import walk
 
@@ -67,7 +68,7 @@ def test_nearest_finds_a_training_window_wherever_it_stands_and_faces(people, gi
     source = np.stack([lively(161, 2)[20:121], lively(161, 4)[60:161], lively(161, 0)[:101]])
     angles = np.array([0.4, -2.9, 3.1])[:, None, None]
     shifted = turned(source, angles) + np.array([[3, 0, -7], [-120, 0, 0.5], [0, 0, 0]])[:, None, None]
-    samples = methods.find("nearest", people).sample(*asked(shifted, given), 3, 0)
+    samples = find("nearest", people).sample(*asked(shifted, given), 3, 0)
     assert samples.shape == (3, 3, 100, 21, 3)
     assert samples[:, 0] == pytest.approx(shifted[:, 1:], abs=1e-4)
     assert np.abs(samples[:, 1] - shifted[:, 1:]).max() > 0.05  # the second is another one
@@ -76,7 +77,7 @@ def test_nearest_finds_a_training_window_wherever_it_stands_and_faces(people, gi
 def test_height_tells_windows_apart(people):
     """Bodies are turned about the vertical and moved on the floor, never lifted."""
     lifted = lively(161, 2)[None, :101] + [0, 0.4, 0]
-    sample = methods.find("nearest", people).sample(*asked(lifted, 0), 1, 0)
+    sample = find("nearest", people).sample(*asked(lifted, 0), 1, 0)
     assert np.abs(sample[0, 0, :, :, 1] - lifted[0, 1:, :, 1]).mean() > 0.2
 
 
@@ -87,7 +88,7 @@ def test_trajectories_decide_between_equal_start_poses(tmp_path):
     away = still.copy()
     away[1:, JOINT["left_hand"]] += [0, 0.3, 0]
     corpus = corpus_of(tmp_path, ("train", still), ("train", raised), ("train", away))
-    nearest = methods.find("nearest", corpus)
+    nearest = find("nearest", corpus)
     assert nearest.sample(*asked(raised[None], 1), 1, 0)[0, 0] == pytest.approx(raised[1:], abs=1e-5)
     # The left hand is told fourth: until then `away` looks like `still`, the first of its equals.
     assert nearest.sample(*asked(away[None], 3), 1, 0)[0, 0] == pytest.approx(still[1:], abs=1e-5)
@@ -125,7 +126,7 @@ def test_carried_begins_at_the_given_pose_and_goes_over_to_the_neighbour(tmp_pat
     off = np.zeros((21, 3))
     off[JOINT["head"]] = 0.1, 0.2, -0.1
     window = turned(np.broadcast_to(SHAPE + off, (1, 101, 21, 3)), 0.8) + np.array([2, 0, 3])
-    sample = methods.find("nearest-carried", corpus).sample(*asked(window, 0), 1, 0)[0, 0]
+    sample = find("nearest-carried", corpus).sample(*asked(window, 0), 1, 0)[0, 0]
     weights = np.exp(-np.arange(1, 101) / 50 / neighbours.FADE_SECONDS)
     expected = turned(SHAPE + weights[:, None, None] * off, 0.8) + np.array([2, 0, 3])
     assert sample == pytest.approx(expected, abs=1e-5)
@@ -133,7 +134,7 @@ def test_carried_begins_at_the_given_pose_and_goes_over_to_the_neighbour(tmp_pat
 
 def test_fewer_neighbours_than_samples_come_again(tmp_path):
     corpus = corpus_of(tmp_path, ("train", lively(111, 1)))
-    samples = methods.find("nearest", corpus).sample(*asked(lively(101, 1)[None], 1), 5, 0)
+    samples = find("nearest", corpus).sample(*asked(lively(101, 1)[None], 1), 5, 0)
     assert np.array_equal(samples[:, 0], samples[:, 2]) and np.array_equal(samples[:, 1], samples[:, 3])
 
 
@@ -144,12 +145,12 @@ def test_neighbours_come_from_whole_training_windows_only(tmp_path):
     corpus = corpus_of(tmp_path, *clips)
     assert neighbours.Neighbours.of(corpus, 101).starts.tolist() == [303]
     with pytest.raises(InputError, match="no whole window"):
-        methods.find("nearest", corpus_of(tmp_path / "b", clips[1])).sample(*asked(lively(101, 1)[None], 1), 1, 0)
+        find("nearest", corpus_of(tmp_path / "b", clips[1])).sample(*asked(lively(101, 1)[None], 1), 1, 0)
 
 
 def test_without_a_training_corpus_nearest_says_so():
     with pytest.raises(InputError, match="no corpus"):
-        methods.find("nearest").sample(*asked(lively(101, 1)[None], 1), 1, 0)
+        find("nearest").sample(*asked(lively(101, 1)[None], 1), 1, 0)
 
 
 @pytest.fixture
@@ -164,7 +165,7 @@ def test_zero_velocity_on_a_walk_is_known_by_hand(tmp_path):
     walk = SHAPE + 0.02 * t[:, None] * [0, 0, 1]
     walk[:, JOINT["right_hand"]] += 0.01 * t * [1, 0, 0]
     corpus = corpus_of(tmp_path, ("validation", walk))
-    cells = trajevae.measure(corpus, "validation", methods.find_all(["zero-velocity"]))
+    cells = trajevae.measure(corpus, "validation", find_all(["zero-velocity"]))
     found = {(c.task, c.setting, c.metric): c.value for c in cells if c.method == "zero-velocity"}
     for count, every in trajevae.GIVEN.items():
         for given in every:
@@ -187,7 +188,7 @@ def test_nearest_scores_zero_where_the_training_corpus_holds_the_windows(tmp_pat
         tmp_path, ("train", lively(101, 1)), ("train", turned(walk, 2.0)[:101] + np.array([1, 0, 1])),
         ("train", turned(walk, -1.0)[25:]), ("validation", walk),
     )  # fmt: skip
-    cells = trajevae.measure(corpus, "validation", methods.find_all(["nearest"], corpus))
+    cells = trajevae.measure(corpus, "validation", find_all(["nearest"], corpus))
     found = {(c.task, c.setting, c.metric): c.value for c in cells if c.method == "nearest"}
     for given in trajevae.GIVEN[1]:
         for metric, within in (("ADE", 1e-3), ("FDE", 1e-3), ("pop after the start pose", 60)):
@@ -293,7 +294,7 @@ def test_other_paths_are_a_task_of_their_own(tmp_path):
     walking = lively(126, 1)
     corpus = corpus_of(tmp_path, ("test", walking), ("test", turned(walking, 1.0) + np.array([5, 0, 0])))
     found = {}
-    for cell in trajevae.measure(corpus, "test", methods.find_all(["zero-velocity"]), limit=2):
+    for cell in trajevae.measure(corpus, "test", find_all(["zero-velocity"]), limit=2):
         if cell.task.startswith("other paths"):
             found[cell.setting, cell.metric] = cell.value
     assert {setting for setting, _ in found} == {f"k = {given}, 2 pairs" for given in (1, 2, 3, 4)}
@@ -320,25 +321,25 @@ def test_constraints_keep_bones_and_meet_paths():
 
 def test_a_method_that_cannot_sample_cannot_be_constrained():
     with pytest.raises(InputError, match="does not sample"):
-        methods.find("linear+constraints")
+        find("linear+constraints")
 
 
 def test_a_network_with_one_answer_gives_it_for_every_sample():
     torch = pytest.importorskip("torch")
-    from motionmend.models.infilling import Infilling, InfillingConfig
-    from motionmend.networks import module_completer
+    from motionmend.networks.loading import module_completer
+    from motionmend.networks.models.infilling import Infilling, InfillingConfig
 
     torch.manual_seed(0)
     network = Infilling(InfillingConfig(channels=(4, 6, 8, 8, 8), begin="curve"), 21).eval()
     truth = walk(50.0).positions[None, :101].astype(np.float32)
-    samples = methods.of_completer("one", module_completer(network)).sample(*asked(truth, 4), 3, 0)
+    samples = of_completer("one", module_completer(network)).sample(*asked(truth, 4), 3, 0)
     assert samples.shape == (1, 3, 100, 21, 3) and np.isfinite(samples).all()
     assert (samples == samples[:, :1]).all()
 
 
 def test_infilling_trains_on_a_pose_and_whole_paths():
     pytest.importorskip("torch")
-    from motionmend.models.infilling import Infilling, InfillingConfig
+    from motionmend.networks.models.infilling import Infilling, InfillingConfig
 
     network = Infilling(InfillingConfig(channels=(4, 6, 8, 8, 8)), 21)
     truth = walk(50.0).positions[None, :101].astype(np.float32).repeat(40, axis=0)

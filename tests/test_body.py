@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from conftest import PACKS
-from motionmend import body, io, rotations
-from motionmend.body import BODY, JOINT, map_rig
+from motionmend import io, rotations
+from motionmend.body.joints import BODY, JOINT, LEFT_RIGHT, LIMBS
+from motionmend.body.mapping import Mapping, map_rig, read_map, to_body
+from motionmend.body.measures import facing, floor_height, stature, upward
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton
 
@@ -230,17 +232,17 @@ def rig_of(joints: str, others: str, bones: bool) -> tuple[Skeleton, dict[str, s
     return Skeleton(tuple(names), tuple(parents)), expected
 
 
-def found_names(skeleton: Skeleton, mapping: body.Mapping) -> dict[str, str]:
+def found_names(skeleton: Skeleton, mapping: Mapping) -> dict[str, str]:
     return {name: skeleton.names[joint] for name, joint in mapping.found.items()}
 
 
 def test_body_is_a_person_in_order():
     assert len(BODY) == 21
     assert BODY.names[:5] == ("hips", "spine", "chest", "neck", "head")
-    for left, right in body.LEFT_RIGHT:
+    for left, right in LEFT_RIGHT:
         assert BODY.names[left].replace("left", "right") == BODY.names[right]
     assert PARENTS["left_upper_arm"] == "left_shoulder" and PARENTS["right_thigh"] == "hips"
-    limbs = {limb: " ".join(BODY.names[joint] for joint in joints) for limb, joints in body.LIMBS.items()}
+    limbs = {limb: " ".join(BODY.names[joint] for joint in joints) for limb, joints in LIMBS.items()}
     assert limbs["right_arm"] == "right_upper_arm right_forearm right_hand"
     assert limbs["left_leg"] == "left_thigh left_shin left_foot left_toe"
 
@@ -331,8 +333,8 @@ def quadruped(tail: bool = True) -> tuple[Skeleton, np.ndarray]:
 def test_a_dog_with_a_persons_names_is_not_a_person(tail):
     skeleton, positions = quadruped(tail=tail)
     assert not map_rig(skeleton, positions).is_person
-    assert body.upward(skeleton, positions) is None
-    assert body.stature(skeleton, positions) is None
+    assert upward(skeleton, positions) is None
+    assert stature(skeleton, positions) is None
 
 
 def test_a_dog_by_any_other_name_is_not_a_person():
@@ -368,23 +370,23 @@ def test_a_hand_a_prop_and_a_cloud_are_no_persons():
     for offsets in (fingers, prop):
         skeleton, positions = standing(offsets)
         assert not map_rig(skeleton, positions).is_person
-        assert body.stature(skeleton, positions) is None and body.upward(skeleton, positions) is None
+        assert stature(skeleton, positions) is None and upward(skeleton, positions) is None
     for names in ([f"*{k}" for k in range(40)], [f"M{k:03d}" for k in range(40)], ["Cup1", "Cup2", "Cup3"]):
         cloud = Skeleton.cloud(names)
         positions = np.random.default_rng(0).normal(size=(20, len(names), 3))
         mapping = map_rig(cloud, positions)
         assert not mapping.is_person and mapping.rig == "" and set(mapping.joints) == {-1}
-        assert body.stature(cloud, positions) is None and body.upward(cloud, positions) is None
+        assert stature(cloud, positions) is None and upward(cloud, positions) is None
 
 
 def test_nothing_at_all_is_no_person():
     assert not map_rig(Skeleton((), ())).is_person
-    assert body.stature(Skeleton((), ()), np.zeros((0, 0, 3))) is None
+    assert stature(Skeleton((), ()), np.zeros((0, 0, 3))) is None
     skeleton, _ = rig_of(*CONVENTIONS["LaFAN1"], bones=True)
     for positions in (np.zeros((0, len(skeleton), 3)), np.full((5, len(skeleton), 3), np.nan)):
         assert map_rig(skeleton, positions).is_person
-        assert body.stature(skeleton, positions) is None
-        assert body.upward(skeleton, positions) is None
+        assert stature(skeleton, positions) is None
+        assert upward(skeleton, positions) is None
 
 
 def test_a_line_of_a_thousand_joints_is_no_recursion():
@@ -407,14 +409,14 @@ def test_overrides_win_and_wrong_names_are_answered(tmp_path):
 
     path = tmp_path / "rig.toml"
     path.write_text('chest = "Spine1"\nleft_toe = ""\n')
-    assert map_rig(skeleton, overrides=body.read_map(path)) == mapping
+    assert map_rig(skeleton, overrides=read_map(path)) == mapping
     wrongs = {"chset = 'Spine1'": "chest", "chest = 3": "quotes", "chest": "TOML", "[chest]": "quotes"}
     for wrong, word in wrongs.items():
         path.write_text(wrong)
         with pytest.raises(InputError, match=word):
-            body.read_map(path)
+            read_map(path)
     with pytest.raises(InputError, match="No such file"):
-        body.read_map(tmp_path / "none.toml")
+        read_map(tmp_path / "none.toml")
 
 
 def test_overrides_make_a_person_of_foreign_names():
@@ -447,7 +449,7 @@ def test_real_bodies_have_a_bodys_geometry(takes):
     for take in takes:
         mapping = map_rig(take.skeleton, take.motion.positions)
         assert mapping.is_person and mapping.rig
-        bodied = body.to_body(take.motion, mapping)
+        bodied = to_body(take.motion, mapping)
         frames = slice(1, None, max(1, len(take) // 50))
         at = {name: bodied.positions[frames, JOINT[name]].astype(float) for name in mapping.found}
 
@@ -465,7 +467,7 @@ def test_real_bodies_have_a_bodys_geometry(takes):
         up = np.median(at["neck"] - at["hips"], axis=0)
         assert up[1] > 0.5 * np.linalg.norm(up), take.source
         # Left is left: the feet point where up and left say is forward.
-        forward = body.facing(bodied)[frames].astype(float)
+        forward = facing(bodied)[frames].astype(float)
         assert np.allclose(np.linalg.norm(forward, axis=-1), 1, atol=1e-5) and not forward[:, 1].any()
         if "left_toe" in at:
             pointing = sum(at[f"{side}_toe"] - at[f"{side}_foot"] for side in ("left", "right"))
@@ -480,9 +482,9 @@ def test_real_statures_are_a_persons(takes):
     # Adults, in whatever units: the readers choose the unit by this number, so its value is checked in
     # metres for AMC (inches / 0.45), Bandai-Namco (cm) and ReActIdle (m) through the readers' own guess.
     for take in takes:
-        metres = body.stature(take.skeleton, take.motion.positions)
+        metres = stature(take.skeleton, take.motion.positions)
         assert metres is not None and 1.4 < metres < 2.05, (take.source, metres, take.units.why)
-        other = body.stature(take.skeleton, take.motion.positions[:, :, [2, 0, 1]] * 1000)
+        other = stature(take.skeleton, take.motion.positions[:, :, [2, 0, 1]] * 1000)
         assert other == pytest.approx(1000 * metres, rel=1e-4)
 
 
@@ -493,15 +495,15 @@ def test_bandai_statures_agree_with_the_standing_height(bandai):
     take = io.load(path)
     height = take.motion.positions[:, take.skeleton.index("Neck"), 1].astype(float)
     floor = take.motion.positions[:, take.skeleton.index("Toes_L"), 1].astype(float).min()
-    estimate = body.stature(take.skeleton, take.motion.positions)
+    estimate = stature(take.skeleton, take.motion.positions)
     assert estimate == pytest.approx((np.percentile(height, 90) - floor) / 0.84, rel=0.1)
 
 
 def test_upward_is_found_in_any_axes(takes):
     for take in takes:
-        up = body.upward(take.skeleton, take.motion.positions)
+        up = upward(take.skeleton, take.motion.positions)
         assert up is not None and up[1] > 0.85, take.source
-        turned = body.upward(take.skeleton, take.motion.positions[:, :, [2, 0, 1]])
+        turned = upward(take.skeleton, take.motion.positions[:, :, [2, 0, 1]])
         assert turned is not None and np.allclose(turned, up[[2, 0, 1]], atol=1e-6)
 
 
@@ -587,16 +589,16 @@ def crawling(along: Sequence[float], up: Sequence[float]) -> tuple[Skeleton, np.
 @pytest.mark.parametrize("along", [(-1, 0, 0), (0, 0, 1)])
 def test_a_body_that_crawls_does_not_tip_the_world(along):
     skeleton, positions, rest = crawling(along, up=(0, 1, 0))
-    alone = body.upward(skeleton, positions)
+    alone = upward(skeleton, positions)
     assert alone is not None and alone @ along > 0.99  # all that the take alone tells
-    up = body.upward(skeleton, positions, rest)
+    up = upward(skeleton, positions, rest)
     assert up is not None and up[1] == 1
 
 
 def test_a_rest_pose_that_lies_does_not_tip_the_world():
     skeleton, _, rest = crawling((0, 0, 1), up=(0, 1, 0))
     walking = rest[:, [0, 2, 1]] + np.linspace(0, 4, 20)[:, None, None] * [1, 0, 0]  # a file with z up
-    up = body.upward(skeleton, walking, rest)
+    up = upward(skeleton, walking, rest)
     assert up is not None and up[2] > 0.999
 
 
@@ -606,8 +608,8 @@ def test_markers_tell_size_and_up_but_are_no_joints(subject):
     skeleton, positions = marker_cloud(subject)
     positions[:10, ::3] = np.nan
     assert not map_rig(skeleton, positions).is_person
-    assert body.stature(skeleton, positions) == pytest.approx(1750, rel=0.1)
-    up = body.upward(skeleton, positions)
+    assert stature(skeleton, positions) == pytest.approx(1750, rel=0.1)
+    up = upward(skeleton, positions)
     assert up is not None and up[2] > 0.95
 
 
@@ -615,8 +617,8 @@ def test_lower_limbs_alone_will_do():
     keep = [name for name in marker_cloud()[0].names if name[1:] in ("ASI", "PSI", "KNE", "ANK", "HEE", "TOE")]
     skeleton, positions = marker_cloud()
     positions = positions[:, [skeleton.names.index(name) for name in keep]]
-    assert body.stature(Skeleton.cloud(keep), positions) == pytest.approx(1750, rel=0.12)
-    up = body.upward(Skeleton.cloud(keep), positions)
+    assert stature(Skeleton.cloud(keep), positions) == pytest.approx(1750, rel=0.12)
+    up = upward(Skeleton.cloud(keep), positions)
     assert up is not None and up[2] > 0.95
 
 
@@ -627,7 +629,7 @@ def test_a_fall_and_a_handstand_do_not_turn_the_world(bandai):
     x, y, z = np.moveaxis(positions[:third].copy(), -1, 0)
     positions[:third] = np.stack([x, z, y], axis=-1)  # lies
     positions[third : third + third // 2, :, 1] *= -1  # stands on the head
-    up = body.upward(take.skeleton, positions)
+    up = upward(take.skeleton, positions)
     assert up is not None and int(np.argmax(np.abs(up))) == 1 and up[1] > 0
 
 
@@ -646,7 +648,7 @@ def test_facing_turns_with_the_body(degrees):
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]], np.float32)  # about Y: z goes to (s, 0, c)
     turned = replace(motion, positions=motion.positions @ turn.T)
-    np.testing.assert_allclose(body.facing(turned), np.tile([s, 0, c], (len(motion), 1)), atol=1e-6)
+    np.testing.assert_allclose(facing(turned), np.tile([s, 0, c], (len(motion), 1)), atol=1e-6)
 
 
 def test_facing_reads_only_what_is_observed():
@@ -657,7 +659,7 @@ def test_facing_reads_only_what_is_observed():
     positions[0, JOINT["left_thigh"]] = np.nan
     observed[1] = False
     positions[1] = np.nan
-    found = body.facing(replace(motion, positions=positions, observed=observed))
+    found = facing(replace(motion, positions=positions, observed=observed))
     np.testing.assert_allclose(found[[0, 2]], [[0, 0, 1]] * 2, atol=1e-6)
     assert np.isnan(found[1]).all()
 
@@ -668,13 +670,13 @@ def test_floor_is_where_the_feet_are_and_not_where_noise_is():
     positions[3, 7, 1] = -5
     observed[4, 7], positions[4, 7, 1] = False, np.nan
     positions[100:140, :, 1] += 0.5  # a jump
-    assert body.floor_height(replace(motion, positions=positions, observed=observed)) == pytest.approx(0.02, abs=1e-3)
-    assert body.floor_height(replace(motion, observed=np.zeros_like(observed))) == 0.0
+    assert floor_height(replace(motion, positions=positions, observed=observed)) == pytest.approx(0.02, abs=1e-3)
+    assert floor_height(replace(motion, observed=np.zeros_like(observed))) == 0.0
 
 
 def test_to_body_leaves_absent_joints_unobserved(reactidle):
     take = io.load(sorted(reactidle.glob("*/*.bvh"))[0])
-    bodied = body.to_body(take.motion, map_rig(take.skeleton, take.motion.positions))
+    bodied = to_body(take.motion, map_rig(take.skeleton, take.motion.positions))
     for name in ("left_hand", "right_toe"):
         assert not bodied.observed[:, JOINT[name]].any() and np.isnan(bodied.positions[:, JOINT[name]]).all()
     elbow = take.skeleton.index("forearm.L")

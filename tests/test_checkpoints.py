@@ -16,12 +16,12 @@ pytest.importorskip("onnx")
 import torch
 
 import motionmend as mm
-from motionmend import checkpoints
-from motionmend.body import BODY
-from motionmend.card import write_card
-from motionmend.cli import main
+from motionmend.body.joints import BODY
+from motionmend.cli.main import main
 from motionmend.errors import InputError
-from motionmend.export import export
+from motionmend.networks import checkpoints
+from motionmend.networks.card import write_card
+from motionmend.networks.export import export
 from tiny import Tiny
 
 BUDGET = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import motionmend as mm
-from motionmend.cli import main
+from motionmend.cli.main import main
 
 EXAMPLES = Path(mm.__file__).parent / "examples"
 WALK = EXAMPLES / "walk.bvh"

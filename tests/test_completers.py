@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motionmend import checkpoints, networks
-from motionmend.body import BODY, JOINT
+from motionmend.body.joints import BODY, JOINT
 from motionmend.motion import Motion, Skeleton
+from motionmend.networks import checkpoints, loading
+from motionmend.networks.completers import MOST
 from walks import hidden, spy, walk
 
 
@@ -26,7 +27,7 @@ def straight(inputs):
 
 
 def line_completer(fps=60.0, frames=60):
-    return networks.completer(checkpoints.Description("line", "floor_mean", fps, frames, BODY), straight)
+    return loading.completer(checkpoints.Description("line", "floor_mean", fps, frames, BODY), straight)
 
 
 def gliding(seconds: float, fps: float) -> Motion:
@@ -68,7 +69,7 @@ def test_toes_that_a_rig_lacks_cost_no_windows_and_change_nothing():
     observed = np.ones((len(truth), len(kept)), bool)
     observed[600:620] = False
     ran = []
-    completer = networks.completer(line_completer().description, lambda inputs: spy(straight, inputs, ran))
+    completer = loading.completer(line_completer().description, lambda inputs: spy(straight, inputs, ran))
     filled = completer.complete(hidden(Motion(truth.positions[:, kept], observed, 60.0, skeleton), observed))
     assert filled.observed.all() and sum(ran) <= 3
     np.testing.assert_allclose(filled.positions, truth.positions[:, kept], atol=2e-4)
@@ -77,7 +78,7 @@ def test_toes_that_a_rig_lacks_cost_no_windows_and_change_nothing():
 def test_predict_rewrites_what_is_observed_too():
     truth = gliding(3, 60.0)
     description = line_completer().description
-    shifted = networks.completer(description, lambda inputs: straight(inputs) + np.float32(0.01))
+    shifted = loading.completer(description, lambda inputs: straight(inputs) + np.float32(0.01))
     raw = shifted.predict(truth)
     np.testing.assert_allclose(raw.positions, truth.positions + 0.01, atol=1e-5)
 
@@ -110,7 +111,7 @@ def test_in_a_long_gap_the_way_is_the_coarse_one_and_the_poses_are_those_of_one_
         return out
 
     description = checkpoints.Description("rows", "body_rows", 60.0, 240, BODY, any_length=True)
-    coarse, plain = (networks.completer(description, run) for run in (wanders, lambda inputs: inputs["rows"]))
+    coarse, plain = (loading.completer(description, run) for run in (wanders, lambda inputs: inputs["rows"]))
     truth = gliding(10, 60.0)
     observed = truth.observed.copy()
     observed[180:420] = False
@@ -131,7 +132,7 @@ def test_long_gaps_of_other_joints_are_filled_too():
     truth = replace(truth, positions=truth.positions[:, :3], observed=truth.observed[:, :3], skeleton=skeleton)
     observed = truth.observed.copy()
     observed[180:420] = False
-    filled = networks.completer(description, straight).complete(hidden(truth, observed))
+    filled = loading.completer(description, straight).complete(hidden(truth, observed))
     np.testing.assert_allclose(filled.positions, truth.positions, atol=1e-3)
 
 
@@ -146,5 +147,5 @@ def test_what_is_too_long_for_one_crossing_is_crossed_in_windows():
     truth = gliding(100, 60.0)
     observed = truth.observed.copy()
     observed[120:-120] = False
-    filled = networks.completer(description, answers).complete(hidden(truth, observed))
-    assert filled.observed.all() and max(asked) <= networks.MOST
+    filled = loading.completer(description, answers).complete(hidden(truth, observed))
+    assert filled.observed.all() and max(asked) <= MOST

@@ -14,13 +14,16 @@ import pytest
 
 import motionmend as mm
 from follower import follower
-from motionmend import checkpoints, metrics, rotations
-from motionmend.body import BODY, JOINT, map_rig, to_body
-from motionmend.cli import main
-from motionmend.composing import Clip, path_in, person_in
+from motionmend import rotations
+from motionmend.body.joints import BODY, JOINT
+from motionmend.body.mapping import map_rig, to_body
+from motionmend.cli.main import main
+from motionmend.composition.composing import Clip, path_in, person_in
+from motionmend.metrics import positional
 from motionmend.motion import Take, Units
-from motionmend.rows import seen_from
-from motionmend.windows import resample
+from motionmend.networks import checkpoints
+from motionmend.networks.rows import seen_from
+from motionmend.networks.windows import resample
 
 WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 ARM = ("RightArm", "RightForeArm", "RightHand")
@@ -65,7 +68,7 @@ def bones_seen_from_the_body(take: Take, frames: range) -> np.ndarray:
 
 
 def lengths(take: Take) -> np.ndarray:
-    return metrics.bone_lengths(take.rig.kinematics[0], take.skeleton.parents)[:, 1:]
+    return positional.bone_lengths(take.rig.kinematics[0], take.skeleton.parents)[:, 1:]
 
 
 # Blending
@@ -98,7 +101,7 @@ def test_only_the_named_joints_and_frames_change(walk, blended, tmp_path):
 
 def test_a_blended_arm_goes_there_and_back_without_a_pop(walk, blended):
     hand = walk.skeleton.index("RightHand")
-    steps, own = ([values[:, hand] for values in metrics.steps(each.motion.positions)] for each in (blended, walk))
+    steps, own = ([values[:, hand] for values in positional.steps(each.motion.positions)] for each in (blended, walk))
     for values, usual in zip(steps, own):
         assert values[[152, 200, 260, 308]].max() < 2 * np.nanpercentile(usual, 99)
     assert blended.report.checks["seam_jump"]["ok"] and blended.report.checks["seam_kink"]["ok"]
@@ -276,7 +279,7 @@ def test_points_are_chained_too(walk, tmp_path):
     take = keypoints(walk, 1.0, 120.0)
     told = mm.chain([(take, (0, 150)), (take, (200, 359))], gap=50, method="eased")
     assert np.array_equal(told.motion.positions[:150], take.motion.positions[:150])
-    bones = (metrics.bone_lengths(each.motion.positions[200:], BODY.parents)[:, 1:] for each in (told, take))
+    bones = (positional.bone_lengths(each.motion.positions[200:], BODY.parents)[:, 1:] for each in (told, take))
     np.testing.assert_allclose(*bones, atol=1e-5)
     again = mm.load(mm.save(told, tmp_path / "told.npz"))
     assert np.array_equal(again.motion.positions, told.motion.positions)

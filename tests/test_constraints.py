@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import motionmend as mm
-from motionmend import metrics
-from motionmend.body import map_rig
-from motionmend.constraints import checks, keep_lengths, keep_observed, meet_rig_seams, meet_seams, reference_lengths
-from motionmend.feet import legs, plant_feet
+from motionmend.body.mapping import map_rig
+from motionmend.constraints.bones import keep_lengths, reference_lengths
+from motionmend.constraints.checks import checks
+from motionmend.constraints.feet import legs, plant_feet
+from motionmend.constraints.seams import keep_observed, meet_rig_seams, meet_seams
+from motionmend.metrics import positional
 from motionmend.motion import Motion, Skeleton, Take, Units
 from rigs import as_take, random_rig
 
@@ -48,7 +50,7 @@ def point_take(positions, observed=None, parents=None):
 
 
 def worst_at_seams(points, known):
-    jumps, kinks = metrics.steps(points)
+    jumps, kinks = positional.steps(points)
     seam = np.zeros_like(known)
     seam[1:] = known[1:] != known[:-1]
     return np.nanmax(jumps[seam]), np.nanmax(kinks[seam])
@@ -148,10 +150,11 @@ def test_bones_get_their_length_back_from_the_parent_outward():
     kept = keep_lengths(replace(broken, observed=np.ones_like(filled)), lengths, filled)
     assert np.array_equal(kept.positions[~filled], truth.positions[~filled])
     stretched, mended = (
-        metrics.bone_length_change(truth.positions, each.positions, truth.skeleton.parents) for each in (broken, kept)
+        positional.bone_length_change(truth.positions, each.positions, truth.skeleton.parents)
+        for each in (broken, kept)
     )
     assert mended < 0.01 < 10 < stretched
-    stretched, mended = (metrics.mpjpe(truth.positions, each.positions, filled) for each in (broken, kept))
+    stretched, mended = (positional.mpjpe(truth.positions, each.positions, filled) for each in (broken, kept))
     assert mended < stretched
 
 

@@ -7,11 +7,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from motionmend.models.convae import ConvAE, ConvAEConfig  # noqa: E402
-from motionmend.models.holden import Holden, HoldenConfig  # noqa: E402
-from motionmend.networks import module_completer  # noqa: E402
-from motionmend.rows import ROWS  # noqa: E402
-from motionmend.spaces import SPACES  # noqa: E402
+from motionmend.networks.loading import module_completer  # noqa: E402
+from motionmend.networks.models.convae import ConvAE, ConvAEConfig  # noqa: E402
+from motionmend.networks.models.holden import Holden, HoldenConfig  # noqa: E402
+from motionmend.networks.rows import ROWS  # noqa: E402
+from motionmend.networks.spaces import SPACES  # noqa: E402
 from walks import walk  # noqa: E402
 
 SMALL = {"channels": (4, 6, 8, 8, 8)}

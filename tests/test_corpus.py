@@ -13,17 +13,17 @@ import shutil
 import numpy as np
 import pytest
 
-from motionmend.body import BODY, JOINT
-from motionmend.cli import main
-from motionmend.corpora import build, read_splits
-from motionmend.corpus import ClipInfo, Corpus, Dropped
-from motionmend.corpus_writer import write_corpus
-from motionmend.datasets import asf_of, t_pose
-from motionmend.datasets import cmu as cmu_reader
+from motionmend.body.joints import BODY, JOINT
+from motionmend.cli.main import main
+from motionmend.constraints.ground import ground
+from motionmend.corpora.building import build, read_splits
+from motionmend.corpora.corpus import ClipInfo, Corpus, Dropped
+from motionmend.corpora.datasets import cmu as cmu_reader
+from motionmend.corpora.datasets.reading import asf_of, t_pose
+from motionmend.corpora.poses import draw_sheet
+from motionmend.corpora.writing import write_corpus
 from motionmend.errors import InputError
-from motionmend.footing import ground
 from motionmend.motion import Motion
-from motionmend.poses import draw_sheet
 
 # A person of 1.7 m who stands, in metres: height and, to the left, across.
 STANDING = {

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend.body import BODY, LIMBS
-from motionmend.curves import NEAR, along_bones, between_seen
-from motionmend.fills import FILLS
+from motionmend.body.joints import BODY, LIMBS
+from motionmend.fills.curves import NEAR, along_bones, between_seen
+from motionmend.fills.points import FILLS
 from motionmend.motion import Motion, Skeleton
 
 

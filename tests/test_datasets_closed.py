@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motionmend.datasets import Dropped, Raw, amass, h36m, holden, lafan1
+from motionmend.corpora.corpus import Dropped
+from motionmend.corpora.datasets import amass, h36m, holden, lafan1
+from motionmend.corpora.datasets.raw import Raw
 from motionmend.errors import InputError
 
 
@@ -103,7 +105,7 @@ STANDING = {  # a person of 1.7 m who faces −y, z up
 
 
 def test_h36m_becomes_a_corpus(tmp_path):
-    from motionmend.corpora import build
+    from motionmend.corpora.building import build
 
     take = np.zeros((100, 32, 3), np.float32)
     for joint, place in STANDING.items():
@@ -430,7 +432,7 @@ def test_amass(tmp_path, smplx):
 
 
 def test_amass_maps_to_every_joint_of_body():
-    from motionmend.body import map_rig
+    from motionmend.body.mapping import map_rig
 
     mapping = map_rig(amass.SKELETON)
     assert len(mapping.found) == 21 and mapping.unmapped == ("spine2",)

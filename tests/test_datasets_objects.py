@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motionmend.datasets import h36m
-from motionmend.datasets._objects import archive_of, numbers, objects
+from motionmend.corpora.datasets import h36m
+from motionmend.corpora.datasets._objects import archive_of, numbers, objects
 from motionmend.errors import InputError
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from motionmend.denoise import denoise
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Skeleton, Take, Units, runs
+from motionmend.repairs.denoising import denoise
 from rigs import as_take, random_rig
 
 METHODS = ("butterworth", "savgol")

@@ -12,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motionmend
-from motionmend.diagnosis import CERTAIN, Diagnosis, diagnose, told, unswap
+from motionmend.damage.planting import mirrored_pairs, plant, plant_and_tell
+from motionmend.diagnosis.diagnosing import diagnose
+from motionmend.diagnosis.findings import CERTAIN, Diagnosis, told, unswap
+from motionmend.diagnosis.symptoms import noise_level
 from motionmend.io import load, save
 from motionmend.motion import Motion, Skeleton, Take, Units
-from motionmend.planting import mirrored_pairs, plant, plant_and_tell
 from motionmend.rotations import apply, from_rotvec, inverse, multiply
-from motionmend.symptoms import noise_level
 from test_planting import NAMES, UNITS, point_take, rig_take
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import motionmend as mm
-from motionmend.body import map_rig
-from motionmend.diagnosis import CERTAIN, diagnose, undone
-from motionmend.disagreement import disagreements
-from motionmend.links import find_links
+from motionmend.body.links import find_links
+from motionmend.body.mapping import map_rig
+from motionmend.damage.planting import mirrored_pairs, plant
+from motionmend.diagnosis.diagnosing import diagnose
+from motionmend.diagnosis.disagreement import disagreements
+from motionmend.diagnosis.findings import CERTAIN, undone
+from motionmend.diagnosis.offsets import solve_offset
 from motionmend.motion import Motion, Skeleton, Take, Units
-from motionmend.offsets import solve_offset
-from motionmend.planting import mirrored_pairs, plant
 
 WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 UNITS = Units(1.0, "y", "metres")

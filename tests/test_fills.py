@@ -11,16 +11,18 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from motionmend import auto, gaps
+from motionmend import gaps
 from motionmend.errors import InputError
-from motionmend.fills import FILLS
+from motionmend.fills.auto import WINNERS, Auto, choose, rig_methods
+from motionmend.fills.channels import RIG_FILLS, fill_rig
+from motionmend.fills.kinds import rig_kinds
+from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
 from motionmend.motion import Motion, Skeleton, runs
-from motionmend.rigfills import RIG_FILLS, fill_rig
 from rigs import random_rig
 
-METHODS = {**FILLS, "auto": auto.Auto()}
-RIG_METHODS = {**{name: name for name in RIG_FILLS}, "auto": auto.rig_methods}
+METHODS = {**FILLS, "auto": Auto()}
+RIG_METHODS = {**{name: name for name in RIG_FILLS}, "auto": rig_methods}
 CURVES = ("linear", "hermite", "eased", "cubic")
 
 
@@ -404,14 +406,14 @@ def test_a_lost_limb_follows_a_parent_that_is_never_known_by_its_own_turns():
 
 
 def test_choices_are_methods_that_exist_with_reasons():
-    for kind, ways in auto.WINNERS.items():
+    for kind, ways in WINNERS.items():
         known = FILLS if kind in ("all points", "joints", "markers") else RIG_FILLS
         for donors in (*ways, 99):
             for seconds in (0.0, 0.3, 1.0, 60.0):
-                method, why = auto.choose(kind, seconds, donors)
+                method, why = choose(kind, seconds, donors)
                 assert method in known and method in why
     with pytest.raises(InputError, match="Did you mean"):
-        auto.choose("marker", 1)
+        choose("marker", 1)
 
 
 def test_kinds_of_gaps_in_a_rig():
@@ -421,7 +423,7 @@ def test_kinds_of_gaps_in_a_rig():
     rig = replace(rig, offsets=offsets, ends=((3, np.array([0.3, 0, 0])), (7, np.array([0.4, 0, 0]))))
     for joints, kind in (([0], "body"), ([2, 3], "limb"), ([3], "lower limb"), (slice(None), "body")):
         lost = broken(rig, [(10, 20)], joints)
-        assert set(auto.rig_kinds(lost, Gaps.of(lost.trusted))) == {kind}
+        assert set(rig_kinds(lost, Gaps.of(lost.trusted))) == {kind}
 
 
 def test_auto_tries_the_methods_beside_the_gap():
@@ -436,7 +438,7 @@ def test_auto_tries_the_methods_beside_the_gap():
     observed = np.ones(positions.shape[:2], bool)
     observed[100:136, 0] = observed[110:150, 4] = False
     motion = Motion(positions, observed, 120.0, Skeleton.cloud(tuple("abcde")))
-    filled, done = auto.Auto().fill(motion)
+    filled, done = Auto().fill(motion)
     assert done.method.tolist() == ["rigid", "eased"]
     assert all("beside" in done.reasons[row] for row in (0, 1))
     assert np.abs(filled.positions - positions)[~observed].max() < 1e-4

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 import motionmend as mm
-from motionmend.aiming import aimed, allowed
-from motionmend.body import map_rig
-from motionmend.fitting import fit, reach, scatter
+from motionmend.body.mapping import map_rig
+from motionmend.rigs.aiming import aimed, allowed
+from motionmend.rigs.fitting import fit, reach, scatter
 from rigs import ARM, as_take, random_rig
 
 

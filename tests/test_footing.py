@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motionmend.body import JOINT
-from motionmend.footing import BALL, SUNK, above_ground, grounded
-from motionmend.spaces import STANDING, UPRIGHT
+from motionmend.body.joints import JOINT
+from motionmend.body.standing import STANDING, UPRIGHT
+from motionmend.constraints.ground import BALL, SUNK, above_ground, grounded
 
 FPS = 60.0
 

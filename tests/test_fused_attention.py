@@ -12,8 +12,8 @@ import onnxruntime
 import torch
 from torch import nn
 
-from motionmend.export import _quiet
-from motionmend.fused_attention import TRANSLATIONS
+from motionmend.networks.export import _quiet
+from motionmend.networks.fused_attention import TRANSLATIONS
 
 
 class Meet(nn.Module):

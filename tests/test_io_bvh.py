@@ -17,8 +17,8 @@ from motionmend import rotations
 from motionmend.errors import InputError
 from motionmend.io import load, save
 from motionmend.io._euler import follow
-from motionmend.io.units import from_metres
 from motionmend.motion import Motion, Rig, Skeleton, Take, Units
+from motionmend.units import from_metres
 
 SMALL = """HIERARCHY
 ROOT Hips

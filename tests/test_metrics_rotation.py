@@ -9,13 +9,14 @@ import zipfile
 import numpy as np
 import pytest
 
-from motionmend import io, metrics_rotation, rotations
+from motionmend import io, rotations
 from motionmend.benchmark import lafan1
-from motionmend.benchmark.methods import Method
+from motionmend.benchmark.method import Method
 from motionmend.errors import InputError
+from motionmend.fills.channels import fill_rig
+from motionmend.metrics import rotational
 from motionmend.motion import Rig
 from motionmend.progress import silent
-from motionmend.rigfills import fill_rig
 
 
 def slow_npss(truth, guess):
@@ -41,35 +42,35 @@ def slow_npss(truth, guess):
 def test_npss_is_its_definition():
     rng = np.random.default_rng(0)
     truth, guess = rng.normal(size=(2, 3, 7, 5))
-    assert metrics_rotation.npss(truth, guess) == pytest.approx(slow_npss(truth, guess))
-    assert metrics_rotation.npss(truth, truth) == 0
+    assert rotational.npss(truth, guess) == pytest.approx(slow_npss(truth, guess))
+    assert rotational.npss(truth, truth) == 0
     # What is measured is the spectrum's shape: neither sign nor size of the guess matter.
-    assert metrics_rotation.npss(truth, -3 * guess) == pytest.approx(metrics_rotation.npss(truth, guess))
+    assert rotational.npss(truth, -3 * guess) == pytest.approx(rotational.npss(truth, guess))
 
 
 def test_npss_by_hand():
     # Four frames: all power in frequency 0 against all in frequency 2: cumulated 1 1 1 1 and 0 0 1 1, two apart.
     still, flicker = np.ones((1, 4, 1)), np.array([1.0, -1, 1, -1])[None, :, None]
-    assert metrics_rotation.npss(still, flicker) == pytest.approx(2)
+    assert rotational.npss(still, flicker) == pytest.approx(2)
     # Beside it a dimension of half the size, a quarter of the power, that was guessed right.
     truth = np.concatenate([still, still / 2], axis=2)
     guess = np.concatenate([flicker, still / 2], axis=2)
-    assert metrics_rotation.npss(truth, guess) == pytest.approx(2 * 4 / 5)
+    assert rotational.npss(truth, guess) == pytest.approx(2 * 4 / 5)
 
 
 def test_npss_of_nothing():
     one, nothing = np.ones((1, 4, 1)), np.zeros((1, 4, 1))
-    assert math.isnan(metrics_rotation.npss(nothing, one))
-    assert metrics_rotation.npss(one, nothing) == pytest.approx(4)
+    assert math.isnan(rotational.npss(nothing, one))
+    assert rotational.npss(one, nothing) == pytest.approx(4)
     both = np.concatenate([one, nothing], axis=2)
-    assert metrics_rotation.npss(both, np.ones((1, 4, 2))) == pytest.approx(0)
+    assert rotational.npss(both, np.ones((1, 4, 2))) == pytest.approx(0)
 
 
 def test_npss_of_blocks_is_that_of_the_whole():
     truth, guess = np.random.default_rng(1).normal(size=(2, 6, 5, 3))
-    terms = [metrics_rotation.npss_terms(truth[rows], guess[rows]) for rows in (slice(2), slice(2, 6))]
+    terms = [rotational.npss_terms(truth[rows], guess[rows]) for rows in (slice(2), slice(2, 6))]
     distance, power = (np.concatenate(parts) for parts in zip(*terms))
-    assert metrics_rotation.npss_mean(distance, power) == pytest.approx(metrics_rotation.npss(truth, guess))
+    assert rotational.npss_mean(distance, power) == pytest.approx(rotational.npss(truth, guess))
 
 
 def test_l2p_and_l2q_are_their_definitions():
@@ -77,7 +78,7 @@ def test_l2p_and_l2q_are_their_definitions():
     places, guessed = rng.normal(size=(2, 3, 5, 4, 3))
     mean, std = rng.normal(size=(4, 3)), rng.random((4, 3)) + 0.5
     turns, guessed_turns = rotations.normalised(rng.normal(size=(2, 3, 5, 4, 4)))
-    found_p, found_q = metrics_rotation.l2p(places, guessed, std), metrics_rotation.l2q(turns, guessed_turns)
+    found_p, found_q = rotational.l2p(places, guessed, std), rotational.l2q(turns, guessed_turns)
     for window in range(3):
         p = q = 0.0
         for frame in range(5):
@@ -93,10 +94,10 @@ def test_l2q_and_l2p_by_hand():
     turns = np.tile(rotations.IDENTITY, (1, 3, 22, 1))
     guess = turns.copy()
     guess[:, :, :4] = [0, 1, 0, 0]
-    assert metrics_rotation.l2q(turns, guess)[0] == pytest.approx(math.sqrt(8))
-    assert metrics_rotation.l2q(turns, -turns)[0] == pytest.approx(2 * math.sqrt(22))  # signs matter
+    assert rotational.l2q(turns, guess)[0] == pytest.approx(math.sqrt(8))
+    assert rotational.l2q(turns, -turns)[0] == pytest.approx(2 * math.sqrt(22))  # signs matter
     places = np.zeros((1, 1, 22, 3))
-    assert metrics_rotation.l2p(places, places + 0.1, np.full((22, 3), 0.2))[0] == pytest.approx(0.5 * math.sqrt(66))
+    assert rotational.l2p(places, places + 0.1, np.full((22, 3), 0.2))[0] == pytest.approx(0.5 * math.sqrt(66))
 
 
 # --- the protocol

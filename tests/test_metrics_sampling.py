@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from motionmend import metrics_sampling as sampling
+from motionmend.metrics import sampling
 
 PARENTS = (-1, 0, 1, 0)
 ROOT = 0

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 import motionmend as mm
-from motionmend import auto, network_fill, networks, repairs
-from motionmend.body import BODY, JOINT, LIMBS, map_rig
-from motionmend.checkpoints import Description
-from motionmend.denoise import denoise
+from motionmend.body.joints import BODY, JOINT, LIMBS
+from motionmend.body.mapping import map_rig
 from motionmend.errors import InputError
-from motionmend.fills import FILLS
+from motionmend.fills.auto import Auto
+from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
+from motionmend.networks.checkpoints import Description
+from motionmend.networks.loading import completer
+from motionmend.repairs import chooser, network_fill, repairing
+from motionmend.repairs.chooser import NETWORK_WINS, Chooser, network_for, network_rows
+from motionmend.repairs.denoising import denoise
 from walks import WALK, hidden, walk
 
 LIFT = np.array([0, 0.05, 0], np.float32)
@@ -24,7 +28,7 @@ def answering(lift=(0, 0, 0), space="poses_off_curves"):
     """A network that says the truth is so far from the curve."""
     description = Description("xmae", space, 60.0, 60, BODY)
     run = lambda inputs: np.zeros((*inputs["curve"].shape[:3], 3), np.float32) + np.float32(lift)  # noqa: E731
-    return network_fill.NetworkFill(networks.completer(description, run))
+    return network_fill.NetworkFill(completer(description, run))
 
 
 @pytest.fixture
@@ -43,7 +47,7 @@ def gap_of(motion, joints, start, stop):
 def test_a_network_that_adds_nothing_leaves_what_the_fills_did(fps, limb):
     broken = gap_of(walk(fps), LIMBS[limb], round(0.5 * fps), round(1.2 * fps))
     filled, gaps = answering().fill(broken)
-    wanted, _ = auto.Auto().fill(broken)
+    wanted, _ = Auto().fill(broken)
     assert set(gaps.method) == {"xmae"}
     np.testing.assert_allclose(filled.positions, wanted.positions, atol=1e-5)
 
@@ -53,7 +57,7 @@ def test_what_a_network_adds_comes_on_top_and_dies_away_at_the_seams(fps):
     start, stop = round(0.5 * fps), round(1.2 * fps)
     broken = gap_of(walk(fps), slice(None), start, stop)
     filled, _ = answering(LIFT).fill(broken)
-    plain, _ = auto.Auto().fill(broken)
+    plain, _ = Auto().fill(broken)
     lifted = filled.positions - plain.positions
     middle = slice(start + round(0.2 * fps), stop - round(0.2 * fps))
     np.testing.assert_allclose(lifted[middle], np.broadcast_to(LIFT, lifted[middle].shape), atol=0.01)
@@ -78,8 +82,8 @@ def test_without_a_person_all_is_left_to_the_fills():
     cloud = mm.Motion(positions, np.ones((40, 3), bool), 60.0, mm.Skeleton.cloud(tuple("abc")))
     broken = gap_of(cloud, [1], 10, 20)
     filled, gaps = answering(LIFT).fill(broken)
-    assert np.array_equal(filled.positions, auto.Auto().complete(broken).positions)
-    assert list(gaps.method) == [auto.Auto().fill(broken)[1].method[0]] and "no person" in gaps.reasons[0]
+    assert np.array_equal(filled.positions, Auto().complete(broken).positions)
+    assert list(gaps.method) == [Auto().fill(broken)[1].method[0]] and "no person" in gaps.reasons[0]
 
 
 def test_a_limb_that_is_never_seen_gets_the_networks_own_answer():
@@ -98,19 +102,19 @@ def test_a_limb_that_is_never_seen_gets_the_networks_own_answer():
 def wins(monkeypatch):
     """The network wins all gaps of the whole body of 0.4 to 1 s, and of joints where 12 others are seen."""
     table = {"all points": (0.4, 1.0, 0), "joints": (0.4, 1.0, 12), "body": (0.4, 1.0, 0)}
-    monkeypatch.setattr(auto, "NETWORK_WINS", {"xmae": table})
+    monkeypatch.setattr(chooser, "NETWORK_WINS", {"xmae": table})
 
 
 def test_auto_takes_the_network_where_it_won_and_says_so(wins):
     motion = walk(60.0)
-    choosing = auto.Auto(improve={"xmae": answering(LIFT).improve})
+    choosing = Chooser(improve={"xmae": answering(LIFT).improve})
     for joints, seconds, by_network in (
         (slice(None), 0.5, True), (slice(None), 0.3, False), (LIMBS["left_arm"], 0.5, True),
         (LIMBS["left_leg"], 0.5, False), (list(range(1, 21)), 0.5, False),
     ):  # fmt: skip
         broken = gap_of(motion, joints, 30, 30 + round(60 * seconds))
         filled, gaps = choosing.fill(broken)
-        plain, _ = auto.Auto().fill(broken)
+        plain, _ = Auto().fill(broken)
         assert (set(gaps.method) == {"xmae"}) == by_network, (joints, seconds)
         assert np.allclose(filled.positions, plain.positions, atol=1e-6) != by_network
         if by_network:
@@ -119,11 +123,11 @@ def test_auto_takes_the_network_where_it_won_and_says_so(wins):
 
 def test_of_several_networks_the_first_that_won_is_taken(monkeypatch):
     table = {"xmae": {"all points": (0.4, 1.0, 0)}, "convae": {"all points": (0.8, 3.0, 0)}}
-    monkeypatch.setattr(auto, "NETWORK_WINS", table)
-    chosen = [auto.network_for("all points", seconds, 0, table) for seconds in (0.3, 0.5, 0.9, 1.0, 2.9, 3.0)]
+    monkeypatch.setattr(chooser, "NETWORK_WINS", table)
+    chosen = [network_for("all points", seconds, 0, table) for seconds in (0.3, 0.5, 0.9, 1.0, 2.9, 3.0)]
     assert chosen == ["", "xmae", "xmae", "convae", "convae", ""]
-    assert auto.network_for("all points", 0.9, 0, ["convae"]) == "convae"
-    assert auto.network_for("markers", 0.9, 20, table) == ""
+    assert network_for("all points", 0.9, 0, ["convae"]) == "convae"
+    assert network_for("markers", 0.9, 20, table) == ""
 
 
 def test_what_no_fill_has_written_is_not_shown_to_the_network(wins):
@@ -133,7 +137,7 @@ def test_what_no_fill_has_written_is_not_shown_to_the_network(wins):
     observed[40:70], observed[75:, LIMBS["left_arm"]] = False, False
     broken = hidden(motion, observed)
     wrong = np.where(observed[..., None], motion.positions, np.float32(77))
-    choosing = auto.Auto(improve={"xmae": network_fill.required("xmae").improve})
+    choosing = Chooser(improve={"xmae": network_fill.required("xmae").improve})
     ours, theirs = (choosing.complete(each) for each in (broken, replace(broken, positions=wrong)))
     assert not ours.observed[75:, LIMBS["left_arm"]].any()
     assert np.array_equal(ours.positions[ours.observed], theirs.positions[ours.observed])
@@ -145,7 +149,7 @@ def test_network_rows_are_gaps_with_both_ends_of_joints_it_knows(wins):
     observed[:30], observed[60:90], observed[100:104] = False, False, False
     gaps = Gaps.of(observed)
     mapping = replace(map_rig(BODY, motion.positions), joints=(*range(20), -1))
-    rows = auto.network_rows(gaps, ["all points"] * len(gaps), observed, 60.0, mapping, ["xmae"])
+    rows = network_rows(gaps, ["all points"] * len(gaps), observed, 60.0, mapping, ["xmae"])
     assert {(int(gaps.joint[row]), int(gaps.start[row])) for row in rows} == {(joint, 60) for joint in range(20)}
 
 
@@ -157,7 +161,7 @@ def test_a_rig_is_posed_as_the_network_says_and_nothing_else_moves(install, monk
     install(answering(lift))
     take = mm.load(WALK)
     fixed = mm.repair(take, gaps=[(100, 160)], method="xmae")
-    monkeypatch.setattr(auto, "NETWORK_WINS", {"xmae": {}})
+    monkeypatch.setattr(chooser, "NETWORK_WINS", {"xmae": {}})
     plain = mm.repair(take, gaps=[(100, 160)], method="auto")
     moved = fixed.motion.positions - plain.motion.positions
     assert np.array_equal(np.delete(fixed.motion.positions, range(100, 160), 0),
@@ -183,13 +187,13 @@ def test_without_an_installed_network_auto_does_without_and_the_method_is_refuse
     take = mm.load(WALK)
     assert mm.repair(take, gaps=[(100, 172)]).report.repaired
     with pytest.raises(InputError, match="no network named 'xmae' is installed"):
-        repairs.fill(take, "xmae")
+        repairing.fill(take, "xmae")
 
 
 def test_paper_like_networks_fill_by_their_own_answer():
     """Without curves to begin at there is no difference to add: the answer itself, its seams met."""
     description = Description("flat", "floor_mean", 60.0, 60, BODY)
-    flat = network_fill.NetworkFill(networks.completer(description, lambda inputs: 0 * inputs["positions"]))
+    flat = network_fill.NetworkFill(completer(description, lambda inputs: 0 * inputs["positions"]))
     motion = walk(60.0)
     broken = gap_of(motion, [JOINT["left_hand"]], 30, 60)
     filled, _ = flat.fill(broken)
@@ -239,15 +243,15 @@ def test_the_network_that_ships_is_found_and_better_than_the_fills_where_auto_ta
     motion = walk(60.0)
     broken = gap_of(motion, LIMBS["right_leg"], 40, 80)
     network = network_fill.required("xmae")
-    with_it, gaps = auto.Auto(improve={"xmae": network.improve}).fill(broken)
-    without = auto.Auto().complete(broken)
+    with_it, gaps = Chooser(improve={"xmae": network.improve}).fill(broken)
+    without = Auto().complete(broken)
     assert set(gaps.method) == {"xmae"}
     ours, theirs = (np.linalg.norm(each.positions - motion.positions, axis=-1)[~broken.observed].mean()
                     for each in (with_it, without))  # fmt: skip
     assert ours < 0.9 * theirs
 
 
-@pytest.mark.parametrize("kind", sorted(auto.NETWORK_WINS["convae"]))
+@pytest.mark.parametrize("kind", sorted(NETWORK_WINS["convae"]))
 def test_one_network_takes_over_where_the_other_ends(kind):
-    asked = [auto.network_for(kind, seconds, len(BODY), auto.NETWORK_WINS) for seconds in np.arange(0.4, 6.0, 0.1)]
+    asked = [network_for(kind, seconds, len(BODY), NETWORK_WINS) for seconds in np.arange(0.4, 6.0, 0.1)]
     assert "" not in asked and asked == sorted(asked, reverse=True)  # xmae, …, convae, …

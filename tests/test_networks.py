@@ -22,13 +22,15 @@ import onnx
 import torch
 
 import motionmend as mm
-from motionmend import checkpoints, networks, windows
-from motionmend.body import BODY, JOINT, map_rig
+from motionmend.body.joints import BODY, JOINT
+from motionmend.body.mapping import map_rig
 from motionmend.errors import InputError
-from motionmend.export import export, halved
-from motionmend.models import NETWORKS, network_class
 from motionmend.motion import Motion, Skeleton
-from motionmend.networks import NetworkCompleter, load_completer, module_completer
+from motionmend.networks import checkpoints, completers, loading, windows
+from motionmend.networks.completers import NetworkCompleter
+from motionmend.networks.export import export, halved
+from motionmend.networks.loading import load_completer, module_completer
+from motionmend.networks.models import NETWORKS, network_class
 from tiny import Tiny, TinyDream
 from walks import WALK, hidden, spy, walk
 
@@ -178,9 +180,9 @@ def test_windows_of_another_shape_are_refused_in_words(trial):
 
 def test_memory_is_bounded_by_batches(trial, monkeypatch):
     seen = []
-    completer = networks.completer(trial.completer.description, lambda inputs: spy(trial.completer.run, inputs, seen))
+    completer = loading.completer(trial.completer.description, lambda inputs: spy(trial.completer.run, inputs, seen))
     tokens = trial.kind.frames * (1 if trial.kind.generative else len(BODY))
-    monkeypatch.setattr(networks, "TOKENS", 3 * tokens)
+    monkeypatch.setattr(completers, "TOKENS", 3 * tokens)
     positions, observed = trial.windows(7)
     answer = completer.windows(positions, observed)
     np.testing.assert_allclose(answer, trial.completer.windows(positions, observed), atol=1e-4)
@@ -226,7 +228,7 @@ def test_a_take_with_nothing_missing_or_nothing_there_comes_back_as_it_is(trial)
     def never(inputs):
         raise AssertionError("the network was run")
 
-    completer = networks.completer(trial.completer.description, never)
+    completer = loading.completer(trial.completer.description, never)
     motion = trial.damaged(30)
     whole = replace(motion, positions=np.nan_to_num(motion.positions), observed=np.ones_like(motion.observed))
     nothing = hidden(motion, np.zeros_like(motion.observed))
@@ -364,7 +366,7 @@ def test_it_runs_where_torch_is_not(trial, tmp_path):
     expected = trial.completer.complete(motion).positions
     code = (
         "import sys; sys.modules.update(torch=None, onnx=None, safetensors=None)\n"
-        "import numpy as np, motionmend as mm; from motionmend.body import BODY\n"
+        "import numpy as np, motionmend as mm; from motionmend.body.joints import BODY\n"
         f"data = np.load({str(tmp_path / 'in.npz')!r})\n"
         f"motion = mm.Motion(data['positions'], data['observed'], {trial.kind.fps}, BODY)\n"
         f"filled = mm.load_completer({str(trial.folder)!r}).complete(motion)\n"

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend.damage import dropouts
+from motionmend.damage.corruption import dropouts
+from motionmend.damage.planting import mirrored_pairs, plant, plant_and_tell
 from motionmend.errors import InputError
 from motionmend.motion import Motion, Rig, Skeleton, Take, Units
-from motionmend.planting import mirrored_pairs, plant, plant_and_tell
 
 NAMES = ("Hips", "LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg")
 UNITS = Units(1.0, "y", "metres")

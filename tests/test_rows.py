@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend import rows
-from motionmend.body import JOINT, LIMBS
-from motionmend.spaces import SPACES, STANDING, UPRIGHT
+from motionmend.body.joints import JOINT, LIMBS
+from motionmend.body.standing import STANDING, UPRIGHT
+from motionmend.networks import rows
+from motionmend.networks.spaces import SPACES
 from walks import walk
 
 FORWARD = STANDING + UPRIGHT  # a standing body facing +Z

@@ -12,12 +12,16 @@ import pytest
 
 import motionmend as mm
 from follower import follower
-from motionmend import auto, network_fill, networks, repairs, varied_fill
-from motionmend.body import BODY, JOINT, LIMBS, map_rig
-from motionmend.cli import main
+from motionmend.body.joints import BODY, JOINT, LIMBS
+from motionmend.body.mapping import map_rig
+from motionmend.cli.main import main
 from motionmend.errors import InputError
+from motionmend.fills.auto import Auto
 from motionmend.motion import Motion, Skeleton, Take, Units
-from motionmend.varied_fill import ASTRAY, VariedFill
+from motionmend.networks.loading import load_completer
+from motionmend.repairs import network_fill, repairing, varied_fill
+from motionmend.repairs.chooser import NETWORK_WINS
+from motionmend.repairs.varied_fill import ASTRAY, VariedFill
 from rigs import as_take, random_rig
 from walks import WALK, hidden, walk
 
@@ -68,7 +72,7 @@ def test_variants_differ_inside_and_nowhere_else(fps, joints):
     motion = broken(fps, (joints, 0.8, 1.8))
     lost = ~motion.observed
     made = [way(variant).fill(motion) for variant in (1, 2, 3)]
-    base = auto.Auto().complete(motion).positions
+    base = Auto().complete(motion).positions
     for positions, gaps in ((filled.positions, gaps) for filled, gaps in made):
         assert set(gaps.method) == {"follower"}
         assert np.array_equal(positions[~lost], motion.positions[~lost])
@@ -88,7 +92,7 @@ def test_variants_differ_inside_and_nowhere_else(fps, joints):
 ], ids=["body", "arm", "overlapping", "end"])  # fmt: skip
 def test_no_seam_pops(fps, gaps):
     motion = broken(fps, *gaps)
-    base = auto.Auto().complete(motion).positions
+    base = Auto().complete(motion).positions
     filled = way(sway=0.1).complete(motion).positions
     far = 1000 * np.linalg.norm(filled - base, axis=-1).max()
     assert far > 25
@@ -98,7 +102,7 @@ def test_no_seam_pops(fps, gaps):
 def test_what_is_added_is_the_sample_less_the_best_guess():
     """At the network's own rate, from the pose before the gap; halfway through nothing is faded."""
     motion = broken(50.0, (slice(None), 0.8, 2.0))
-    added = way(2, seed=5).complete(motion).positions - auto.Auto().complete(motion).positions
+    added = way(2, seed=5).complete(motion).positions - Auto().complete(motion).positions
     noise = np.random.default_rng((5, 2, 39)).standard_normal((1, 4), dtype=np.float32)[0]
     clock = np.arange(65, 75)
     waves = noise[:3] @ np.sin(np.outer([3, 5, 7], (clock - 39) / 100))
@@ -117,7 +121,7 @@ def test_a_seed_and_a_variant_are_the_same_bits_and_another_is_not():
 
 def test_long_gaps_do_not_lead_astray():
     motion = broken(60.0, (slice(None), 0.5, 2.7))
-    base = auto.Auto().complete(motion).positions
+    base = Auto().complete(motion).positions
     far = np.linalg.norm(way(sway=50).complete(motion).positions - base, axis=-1)
     assert 0.3 < far.max() < ASTRAY + 0.01
 
@@ -125,7 +129,7 @@ def test_long_gaps_do_not_lead_astray():
 def test_at_the_start_the_base_stays_and_the_report_says_why():
     motion = broken(60.0, (slice(None), 0, 0.5))
     filled, gaps = way().fill(motion)
-    assert np.array_equal(filled.positions, auto.Auto().complete(motion).positions)
+    assert np.array_equal(filled.positions, Auto().complete(motion).positions)
     assert "follower" not in gaps.method
     fixed = mm.repair(as_points(Take(motion, None, None, Units(1.0, "y", ""), "npz", "x.npz")), method="trajevae")
     assert {row.why for row in fixed.report.fills} == {"nothing is known before it, extrapolated"}
@@ -137,7 +141,7 @@ def test_without_a_pose_before_it_a_gap_keeps_the_base_s_fill():
     filled, gaps = way().fill(motion)
     hand = gaps.joint == JOINT["right_hand"]
     assert [gaps.reasons[row] for row in np.flatnonzero(hand)] == ["no whole pose comes before it"]
-    base = auto.Auto().complete(motion)
+    base = Auto().complete(motion)
     assert np.array_equal(filled.observed, base.observed)
     assert np.array_equal(filled.positions[base.observed], base.positions[base.observed])
 
@@ -167,7 +171,7 @@ def test_short_gaps_have_one_filling():
     short = np.isin(gaps.joint, ARM)
     assert set(gaps.method[~short]) == {"follower"} and "follower" not in gaps.method[short]
     assert {gaps.reasons[row] for row in np.flatnonzero(short)} == {"too short to go another way"}
-    assert np.array_equal(filled.positions[:, ARM], auto.Auto().complete(motion).positions[:, ARM])
+    assert np.array_equal(filled.positions[:, ARM], Auto().complete(motion).positions[:, ARM])
 
 
 def test_what_is_missing_is_not_read():
@@ -266,7 +270,7 @@ def test_channels_that_are_never_trusted(take):
 
 
 def test_auto_never_takes_it():
-    assert "trajevae" not in auto.NETWORK_WINS and "trajevae" not in network_fill.installed()
+    assert "trajevae" not in NETWORK_WINS and "trajevae" not in network_fill.installed()
 
 
 # --- errors and the command line --------------------------------------------------------------------------
@@ -282,10 +286,10 @@ def test_what_cannot_be_asked_is_said(take, monkeypatch):
         with pytest.raises(InputError, match=words):
             mm.repair(take, gaps=[(100, 220)], **options)
     varied_fill._generative.cache_clear()
-    monkeypatch.setattr(varied_fill, "load_completer", networks.load_completer)
-    monkeypatch.setattr("motionmend.checkpoints.folders", lambda: [])
+    monkeypatch.setattr(varied_fill, "load_completer", load_completer)
+    monkeypatch.setattr("motionmend.networks.checkpoints.folders", lambda: [])
     with pytest.raises(InputError, match="no network named 'trajevae' is installed"):
-        repairs.fill(take, "trajevae")
+        repairing.fill(take, "trajevae")
 
 
 @pytest.fixture

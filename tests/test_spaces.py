@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motionmend import spaces
-from motionmend.body import BODY, JOINT, LIMBS, facing
-from motionmend.metrics import bone_lengths
+from motionmend.body.joints import BODY, JOINT, LIMBS
+from motionmend.body.measures import facing
+from motionmend.body.standing import STANDING
+from motionmend.metrics.positional import bone_lengths
 from motionmend.motion import Motion
-from motionmend.spaces import SPACES, STANDING, mirrored, turned
+from motionmend.networks.spaces import SMOOTHING, SPACES, mirrored, smoother, turned
 
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 
@@ -161,9 +162,9 @@ def test_smoothing_is_whittakers(frames):
     """min |x - y|² + SMOOTHING |third differences of x|², by least squares over both at once."""
     noisy = np.random.default_rng(0).normal(size=(frames, 4))
     bends = np.zeros((0, frames)) if frames < 4 else np.diff(np.eye(frames), n=3, axis=0)
-    rows = np.concatenate([np.eye(frames), spaces.SMOOTHING**0.5 * bends])
+    rows = np.concatenate([np.eye(frames), SMOOTHING**0.5 * bends])
     expected = np.linalg.lstsq(rows, np.concatenate([noisy, np.zeros((len(bends), 4))]), rcond=None)[0]
-    assert spaces.smoother(frames) @ noisy == pytest.approx(expected, abs=1e-4)
+    assert smoother(frames) @ noisy == pytest.approx(expected, abs=1e-4)
 
 
 def test_an_answer_of_nothing_from_smooth_curves_takes_noise_away_and_leaves_parabolas():

@@ -17,10 +17,10 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from motionmend.cli import main  # noqa: E402
-from motionmend.cli_train import parsed  # noqa: E402
-from motionmend.corpus import ClipInfo, Corpus  # noqa: E402
-from motionmend.corpus_writer import write_corpus  # noqa: E402
+from motionmend.cli.main import main  # noqa: E402
+from motionmend.cli.train import parsed  # noqa: E402
+from motionmend.corpora.corpus import ClipInfo, Corpus  # noqa: E402
+from motionmend.corpora.writing import write_corpus  # noqa: E402
 from motionmend.errors import InputError  # noqa: E402
 from motionmend.motion import Motion, Skeleton  # noqa: E402
 from motionmend.training import config, logs, state  # noqa: E402
@@ -308,7 +308,7 @@ def test_the_command_trains_validates_draws_and_exports(tmp_path, capfd):
     told = capfd.readouterr().err
     assert "validation by loss" in told
     assert f"are in {run}/export" in told
-    from motionmend.checkpoints import load
+    from motionmend.networks.checkpoints import load
 
     checkpoint = load(run)
     assert checkpoint.budget["batch"] == 16
@@ -335,8 +335,8 @@ def test_a_network_is_shown_training_windows_once_before_it_trains(tmp_path, cor
 
 def test_training_can_begin_with_the_weights_of_a_checkpoint(tmp_path):
     pytest.importorskip("onnx")
-    from motionmend.body import BODY
-    from motionmend.export import export, halved
+    from motionmend.body.joints import BODY
+    from motionmend.networks.export import export, halved
     from motionmend.training import runs
     from tiny import Tiny, TinyConfig
     from walks import walk

@@ -16,11 +16,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from motionmend.checkpoints import span  # noqa: E402
-from motionmend.cli import main  # noqa: E402
-from motionmend.cli_train import parsed  # noqa: E402
-from motionmend.corpus import Corpus  # noqa: E402
+from motionmend.cli.main import main  # noqa: E402
+from motionmend.cli.train import parsed  # noqa: E402
+from motionmend.corpora.corpus import Corpus  # noqa: E402
 from motionmend.errors import InputError  # noqa: E402
+from motionmend.networks.checkpoints import span  # noqa: E402
 from motionmend.training import config, state  # noqa: E402
 from motionmend.training.batches import Ahead, Batches, share  # noqa: E402
 from motionmend.training.config import Settings, rate  # noqa: E402
@@ -150,7 +150,7 @@ def test_an_unknown_protocol_is_an_error_before_a_folder_is_made(tmp_path, corpu
 
 def test_help_is_light_without_a_network_and_whole_with_one(capsys):
     code = (
-        "import sys\nfrom motionmend.cli import main\n"
+        "import sys\nfrom motionmend.cli.main import main\n"
         "try:\n  main(['train', '--help'])\nfinally:\n  print('torch' in sys.modules)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

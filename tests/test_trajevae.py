@@ -8,12 +8,12 @@ from scipy.fft import dct as scipy_dct
 
 torch = pytest.importorskip("torch")
 
-from motionmend.body import JOINT  # noqa: E402
+from motionmend.body.joints import JOINT  # noqa: E402
 from motionmend.errors import InputError  # noqa: E402
-from motionmend.models import trajevae  # noqa: E402
-from motionmend.models.cvae_rnn import CVAERNN, CVAERNNConfig  # noqa: E402
-from motionmend.models.trajevae import Layer, TrajeVAE, TrajeVAEConfig, path_batch  # noqa: E402
-from motionmend.spaces import FirstPelvis, turned  # noqa: E402
+from motionmend.networks.models import trajevae  # noqa: E402
+from motionmend.networks.models.cvae_rnn import CVAERNN, CVAERNNConfig  # noqa: E402
+from motionmend.networks.models.trajevae import Layer, TrajeVAE, TrajeVAEConfig, path_batch  # noqa: E402
+from motionmend.networks.spaces import FirstPelvis, turned  # noqa: E402
 from walks import walk  # noqa: E402
 
 OURS = {"standardised": True, "along": True, "direct": True, "patch": 4, "hips": 1.0, "bones": 2.0}

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motionmend as mm
-from motionmend import windows
-from motionmend.metrics import steps
+from motionmend.metrics.positional import steps
 from motionmend.motion import Motion, Skeleton, runs
+from motionmend.networks import windows
 
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
 

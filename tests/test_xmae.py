@@ -7,10 +7,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from motionmend.fills import FILLS  # noqa: E402
-from motionmend.models.xmae import XMAE, XMAEConfig  # noqa: E402
+from motionmend.body.standing import STANDING  # noqa: E402
+from motionmend.fills.points import FILLS  # noqa: E402
 from motionmend.motion import Motion  # noqa: E402
-from motionmend.spaces import SPACES, STANDING  # noqa: E402
+from motionmend.networks.models.xmae import XMAE, XMAEConfig  # noqa: E402
+from motionmend.networks.spaces import SPACES  # noqa: E402
 from walks import walk  # noqa: E402
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from motionmend.models.network import Network
-from motionmend.spaces import SPACES, turned
+from motionmend.networks.models.network import Network
+from motionmend.networks.spaces import SPACES, turned
 
 
 @dataclass(frozen=True)

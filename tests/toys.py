@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from motionmend.corpus import ClipInfo
-from motionmend.corpus_writer import write_corpus
-from motionmend.models.network import Network
+from motionmend.corpora.corpus import ClipInfo
+from motionmend.corpora.writing import write_corpus
 from motionmend.motion import Motion, Skeleton
+from motionmend.networks.models.network import Network
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def trained(folder: Path, corpus: Path, *, resume: bool = False, **options) -> d
 
 
 if __name__ == "__main__":
-    from motionmend.cli import complain
+    from motionmend.cli.common import complain
     from motionmend.errors import InputError
     from motionmend.training.loop import train
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import motionmend as mm
-from motionmend import windows
-from motionmend.body import map_rig, to_body
+from motionmend.body.mapping import map_rig, to_body
 from motionmend.motion import Motion
+from motionmend.networks import windows
 
 WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 

@@ -14,41 +14,41 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .animation import animate as animate
-    from .blending import blend as blend
-    from .chaining import chain as chain
-    from .comparison import compare as compare
-    from .diagnosis import diagnose as diagnose
+    from .animation.animating import animate as animate
+    from .composition.blending import blend as blend
+    from .composition.chaining import chain as chain
+    from .damage.planting import plant as plant
+    from .diagnosis.diagnosing import diagnose as diagnose
     from .errors import InputError as InputError
-    from .fitting import fit as fit
     from .io import load as load
     from .io import save as save
     from .motion import Motion as Motion
     from .motion import Rig as Rig
     from .motion import Skeleton as Skeleton
     from .motion import Take as Take
-    from .networks import load_completer as load_completer
-    from .planting import plant as plant
-    from .repairs import repair as repair
+    from .networks.loading import load_completer as load_completer
+    from .repairs.comparison import compare as compare
+    from .repairs.repairing import repair as repair
+    from .rigs.fitting import fit as fit
 
 # Loaded when first asked for, so that `import motionmend` costs nothing.
 _HOME = {
     "InputError": "errors",
     "load": "io",
-    "load_completer": "networks",
+    "load_completer": "networks.loading",
     "save": "io",
     "Motion": "motion",
     "Rig": "motion",
     "Skeleton": "motion",
     "Take": "motion",
-    "animate": "animation",
-    "blend": "blending",
-    "chain": "chaining",
-    "compare": "comparison",
-    "diagnose": "diagnosis",
-    "fit": "fitting",
-    "plant": "planting",
-    "repair": "repairs",
+    "animate": "animation.animating",
+    "blend": "composition.blending",
+    "chain": "composition.chaining",
+    "compare": "repairs.comparison",
+    "diagnose": "diagnosis.diagnosing",
+    "fit": "rigs.fitting",
+    "plant": "damage.planting",
+    "repair": "repairs.repairing",
 }
 __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 

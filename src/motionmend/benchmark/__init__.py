@@ -1,5 +1,8 @@
 """The papers' protocols: every method on the same damage, in one table.
 
+In: a corpus, a split, and methods by name. Out: cells, a table and figures in a folder, the same bytes every time. It
+must not know how anything is trained.
+
 A protocol is a module of this package with
 
     PROTOCOL : results.Protocol
@@ -26,16 +29,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError, nearest_names
 from ..progress import Stage, silent
-from . import methods as _methods
-from .methods import Method
+from .method import Method
+from .methods import find, find_all, of_completer
 from .provenance import header
-from .results import Cell, Protocol, Results, refuse_folder
+from .results import Cell, Protocol, Results
+from .writing import refuse_folder, write
 
 if TYPE_CHECKING:
-    from ..networks import NetworkCompleter
+    from ..networks.completers import NetworkCompleter
 
 PROTOCOLS = {name: f"{__name__}.{name}" for name in ("xmae", "convae", "trajevae", "lafan1")}
 
@@ -91,7 +95,7 @@ def run(
         check(about, data, split)
     elif not data.exists():
         raise InputError("no such file or folder", where=data)
-    named = _methods.find_all([each for each in methods if isinstance(each, str)], train)
+    named = find_all([each for each in methods if isinstance(each, str)], train)
     found = [named.pop(0) if isinstance(each, str) else each for each in methods]
     clock = Clock()
     cells = module.measure(
@@ -103,7 +107,7 @@ def run(
     results = Results(about, top, cells, clock.table(), extra)
     if out is not None:
         stage("writing")
-        results.write(Path(out), force)
+        write(results, Path(out), force)
     return results
 
 
@@ -117,9 +121,9 @@ def quick(
     module = protocol(name)
     check(module.PROTOCOL, corpus, split)
     if completer is not None:
-        method = _methods.of_completer("network", completer)
+        method = of_completer("network", completer)
     else:
-        does = {what: getattr(_methods.find(who), what) for what, who in module.CLASSICAL.items()}
+        does = {what: getattr(find(who), what) for what, who in module.CLASSICAL.items()}
         method = replace(Method("classical"), **does)
     return module.quick(method, corpus, split, windows=windows, seed=seed)
 

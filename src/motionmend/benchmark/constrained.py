@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..animation import Asked
-from ..body import BODY, map_rig
+from ..animation.animating import Asked
+from ..animation.puppets import puppet
+from ..body.joints import BODY
+from ..body.mapping import map_rig
 from ..errors import InputError
 from ..motion import Motion, Take, Units
-from ..puppet import puppet
-from .methods import CONSTRAINED, Method
+from .method import CONSTRAINED, Method
 from .trajevae import PROTOCOL
 
 Array = np.ndarray

@@ -22,14 +22,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import damage, metrics
-from ..body import BODY, JOINT
-from ..corpus import Corpus
+from ..body.joints import BODY, JOINT
+from ..corpora.corpus import Corpus
+from ..damage import corruption
+from ..metrics import positional
+from ..networks.rows import body_local
 from ..progress import Stage, silent
-from ..rows import body_local
 from . import quality
 from .figures import box_figure, stem
-from .methods import Method
+from .method import Method
 from .results import TRUTH, Cell, Protocol, evenly
 from .trials import Harm, Means, Trial, announced, missing, noisy, played, whole_windows
 
@@ -176,8 +177,8 @@ def measure_trial(
         for name, guess in block.guesses.items():
             tally = tallies.setdefault(name, Tally())
             if name != TRUTH:
-                tally.add(BODY_LOCAL, metrics.distances(poses, body_local(guess))[judged] * 100)
-                apart = metrics.distances(truth, guess) * 100
+                tally.add(BODY_LOCAL, positional.distances(poses, body_local(guess))[judged] * 100)
+                apart = positional.distances(truth, guess) * 100
                 tally.add(WORLD, apart[judged])
                 if trial.does == "raw":
                     tally.add(LOST_ONLY, apart[block.hidden])
@@ -197,16 +198,16 @@ class Tally:
     """What comes together over the batches of a trial for one method."""
 
     def __init__(self):
-        self.errors: dict[str, metrics.Moments] = {}
+        self.errors: dict[str, positional.Moments] = {}
         self.quality = Means()
         self.lengths: dict[str, list[Array]] = {}
 
     def add(self, name: str, errors: Array) -> None:
-        self.errors.setdefault(name, metrics.Moments()).add(errors)
+        self.errors.setdefault(name, positional.Moments()).add(errors)
 
     def add_bones(self, truth: Array, guess: Array, judged: Array) -> None:
         """The lengths of BONES at the judged samples, in per cent of the true ones."""
-        true, guessed = (metrics.bone_lengths(positions, BODY.parents) for positions in (truth, guess))
+        true, guessed = (positional.bone_lengths(positions, BODY.parents) for positions in (truth, guess))
         for bone, end in BONES.items():
             joint = JOINT[end]
             here = judged[..., joint] & (true[..., joint] > 0)
@@ -248,7 +249,7 @@ def dropped(share: float) -> Harm:
     """Each joint of each frame lost with this probability, on its own; all is judged."""
 
     def drop(positions: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        hidden = damage.dropouts(positions.shape[:3], share, rng)
+        hidden = corruption.dropouts(positions.shape[:3], share, rng)
         return positions, hidden, np.ones_like(hidden)
 
     return drop

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from .. import io
-from ..curves import CURVES
-from ..datasets.lafan1 import LARGEST, unpacked
+from ..corpora.datasets.lafan1 import LARGEST, unpacked
 from ..errors import InputError
-from ..metrics import Moments
-from ..metrics_rotation import l2p, l2q, npss_mean, npss_terms
+from ..fills.channels import RIG_FILLS, fill_rig
+from ..fills.curves import CURVES
+from ..metrics.positional import Moments
+from ..metrics.rotational import l2p, l2q, npss_mean, npss_terms
 from ..motion import Rig, Skeleton, Take
 from ..progress import Stage, silent
-from ..rigfills import RIG_FILLS, fill_rig
 from ..rotations import apply, between, continuous, forward_kinematics, from_rotvec, inverse, multiply, to_rotvec
-from .methods import Method
+from .method import Method
 from .results import Cell, Protocol, evenly
 
 Array = np.ndarray

@@ -4,52 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError, nearest_names
 from ..motion import Motion, Skeleton
 
 if TYPE_CHECKING:
-    from ..networks import NetworkCompleter
+    from ..networks.completers import NetworkCompleter
+from .method import CONSTRAINED, Method, Windows
 
 Array = np.ndarray
-
-Windows = Callable[[Array, Array, float, Skeleton], Array]
-Samples = Callable[[Array, Array, Array, int, int], Array]
-
-
-@dataclass(frozen=True)
-class Method:
-    """A row of the tables.
-
-    Windows are `positions (B, T, J, 3)` float32 metres and `observed (B, T, J)` bool; where `observed` is False
-    the numbers mean nothing, and may be NaN.
-
-    fill : `(positions, observed, fps, skeleton) -> positions`, observed samples bit for bit, NaN where it could
-        not fill; None for what cannot fill.
-    restore : `(positions, observed, fps, skeleton) -> positions`, may rewrite every sample (filters, networks;
-        "none" rewrites nothing).
-    sample : `(pose (B, J, 3), trajectories (B, T, J, 3), given (B, T, J), count K, seed) -> (B, K, T, J, 3)`.
-    most : how many samples may be asked of it in a column, where more would take hours; None for any number.
-    about : what it is, for the table's footnote. budget : what a network was trained with.
-    """
-
-    name: str
-    fill: Windows | None = None
-    restore: Windows | None = None
-    sample: Samples | None = None
-    about: str = ""
-    budget: str = ""
-    most: int | None = None
-
-    def can_sample(self, count: int) -> bool:
-        """Whether it can be asked for so many samples, those of all windows of a column together."""
-        return self.sample is not None and (self.most is None or count <= self.most)
 
 
 def find(name: str, train: Corpus | None = None) -> Method:
@@ -72,12 +40,12 @@ def find(name: str, train: Corpus | None = None) -> Method:
         from . import neighbours
 
         return getattr(neighbours, NEAREST[name])(train)
-    from .. import checkpoints
+    from ..networks import checkpoints
 
     if not Path(name).exists() and os.sep not in name and name not in checkpoints.names():
         names = [*BUILTIN, *NEAREST, *checkpoints.names()]
         raise InputError(f"unknown method {name!r}", hint=nearest_names(name, names))
-    from ..networks import load_completer
+    from ..networks.loading import load_completer
 
     completer = load_completer(name)
     return of_completer(Path(name).name, completer)
@@ -100,7 +68,7 @@ def of_completer(name: str, completer: NetworkCompleter) -> Method:
 
     def answer(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
         """What a network that is not generative makes of a pose and paths: its one answer, for every sample."""
-        from ..networks import begun
+        from ..networks.completers import begun
 
         del seed
         once = completer.windows(*begun(pose, trajectories, given))[:, None, 1:]
@@ -126,7 +94,7 @@ def unfold(motion: Motion, batch: int) -> Array:
 
 
 def _curve(name: str) -> Method:
-    from ..fills import FILLS
+    from ..fills.points import FILLS
 
     def fill(positions: Array, observed: Array, fps: float, skeleton: Skeleton) -> Array:
         del skeleton
@@ -136,18 +104,18 @@ def _curve(name: str) -> Method:
 
 
 def _donor(name: str) -> Method:
-    from ..fills import FILLS
+    from ..fills.points import FILLS
 
     return Method(name, _body_fill(FILLS[name]), about=_ABOUT[name])
 
 
 def _auto() -> Method:
-    from ..auto import Auto
-    from ..network_fill import installed
+    from ..repairs.chooser import Chooser
+    from ..repairs.network_fill import installed
 
     improve = {name: network.improve for name, network in installed().items()}
     about = _ABOUT["auto"] + (f"; {' and '.join(improve)} added where they won there" if improve else "")
-    return Method("auto", _body_fill(Auto(improve=improve)), about=about)
+    return Method("auto", _body_fill(Chooser(improve=improve)), about=about)
 
 
 def _body_fill(completer: Any) -> Windows:
@@ -174,7 +142,7 @@ def _each(
 
 def _filter(name: str) -> Method:
     def restore(positions: Array, observed: Array, fps: float, skeleton: Skeleton) -> Array:
-        from ..denoise import denoise
+        from ..repairs.denoising import denoise
 
         del skeleton
         return unfold(denoise(fold(positions, observed, fps), name), len(positions))
@@ -227,10 +195,7 @@ _ABOUT = {
     "butterworth": "zero-lag Butterworth filter, fourth order, 6 Hz",
     "zero-velocity": "holds the last pose",
 }
-
-CONSTRAINED = "+constraints"
 NEAREST = {"nearest": "nearest", "nearest-carried": "carried"}  # of neighbours, which need a training corpus
-
 BUILTIN: dict[str, Callable[[], Method]] = {
     "none": _none,
     **{name: (lambda name=name: _curve(name)) for name in ("linear", "hermite", "eased", "cubic")},

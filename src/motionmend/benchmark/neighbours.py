@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body import BODY, facing
-from ..corpus import Corpus
+from ..body.joints import BODY
+from ..body.measures import facing
+from ..corpora.corpus import Corpus
 from ..errors import InputError
 from ..motion import Motion
-from .methods import Method
+from .method import Method
 from .trials import no_window, whole_windows
 
 Array = np.ndarray

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..corpus import Corpus
-from .methods import Method
+from ..corpora.corpus import Corpus
+from .method import Method
 from .results import Protocol
 
 PACKAGES = ("numpy", "scipy", "matplotlib", "onnxruntime", "torch")

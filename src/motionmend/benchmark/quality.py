@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import metrics
+from ..metrics import positional
 from ..motion import Skeleton
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ JERK_FRAMES = 3  # a third difference reaches this far beyond a changed frame
 
 def contacts(truth: Array, fps: float, skeleton: Skeleton) -> Array:
     """`(B, T, feet)` bool: when each of FEET stands in `truth (B, T, J, 3)`."""
-    return metrics.stances(truth[:, :, _feet(skeleton)], fps)
+    return positional.stances(truth[:, :, _feet(skeleton)], fps)
 
 
 def _feet(skeleton: Skeleton) -> list[int]:
@@ -49,23 +49,23 @@ def measure(
     "bone-length change" the greatest departure in a window from its true median, averaged over windows.
     """
     found = {}
-    at = metrics.seams(touched)
-    for name, values in zip(("seam jump", "seam kink"), metrics.steps(guess)):
+    at = positional.seams(touched)
+    for name, values in zip(("seam jump", "seam kink"), positional.steps(guess)):
         found[name] = _mean(values[at & np.isfinite(values)])
 
     around = _widened(touched, JERK_FRAMES)
     jerked = np.where(around[..., None], guess, np.nan)
-    found["jitter"] = metrics.jitter(jerked, fps), int(touched.sum())
+    found["jitter"] = positional.jitter(jerked, fps), int(touched.sum())
 
     feet = _feet(skeleton)
     contact = contacts(truth, fps, skeleton) if standing is None else standing
     contact = contact & _widened(touched[:, :, feet], 1)
     paired = int((contact[:, 1:] & contact[:, :-1]).sum())
-    found["foot skate"] = metrics.foot_skate(guess[:, :, feet], contact, fps), paired
+    found["foot skate"] = positional.foot_skate(guess[:, :, feet], contact, fps), paired
 
     parents = np.asarray(skeleton.parents)
     bones = touched | (touched[:, :, parents] & (parents >= 0))
-    change = np.where(bones, metrics.bone_length_changes(truth, guess, skeleton.parents), np.nan)
+    change = np.where(bones, positional.bone_length_changes(truth, guess, skeleton.parents), np.nan)
     greatest = np.nan_to_num(change, nan=-1.0).max(axis=(1, 2), initial=-1.0)
     found["bone-length change"] = _mean(greatest[greatest >= 0])
     return {name: (value, weight) for name, (value, weight) in found.items() if weight}

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..body import BODY, JOINT
-from ..corpus import Corpus
-from ..metrics_sampling import SampleScores, bone_stretch, control_error, displacements, flattened
+from ..body.joints import BODY, JOINT
+from ..corpora.corpus import Corpus
+from ..metrics.sampling import SampleScores, bone_stretch, control_error, displacements, flattened
 from ..progress import Stage, silent
 from . import quality
-from .methods import Method
+from .method import Method
 from .neighbours import Stand
 from .results import TRUTH, Cell, Protocol, evenly
 from .trials import Means, no_window, whole_windows

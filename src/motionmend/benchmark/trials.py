@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import damage
-from ..body import BODY
-from ..corpus import Corpus
+from ..body.joints import BODY
+from ..corpora.corpus import Corpus
+from ..damage import corruption
 from ..errors import InputError
 from ..progress import Stage
-from .methods import Method, Windows
+from .method import Method, Windows
 from .results import TRUTH, evenly
 
 Array = np.ndarray
@@ -142,8 +142,8 @@ def no_window(corpus: Corpus, split: str, frames: int) -> InputError:
 
 def middle(shape: tuple[int, ...], joints: Sequence[int], frames: int) -> Array:
     """`shape` (B, T, J) bool, True for some joints in the middle `frames`."""
-    span = damage.centred_span(shape[1], frames)
-    return np.broadcast_to(damage.limb_mask(shape[1], shape[2], joints, span), shape)
+    span = corruption.centred_span(shape[1], frames)
+    return np.broadcast_to(corruption.limb_mask(shape[1], shape[2], joints, span), shape)
 
 
 def missing(joints: Sequence[int], frames: int, *, everywhere: bool = False) -> Harm:
@@ -162,6 +162,6 @@ def noisy(sigma: float) -> Harm:
 
     def shake(positions: Array, rng: Rng) -> tuple[Array, Array, Array]:
         nowhere = np.zeros(positions.shape[:3], bool)
-        return damage.position_noise(positions, sigma, rng), nowhere, ~nowhere
+        return corruption.position_noise(positions, sigma, rng), nowhere, ~nowhere
 
     return shake

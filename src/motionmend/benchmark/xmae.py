@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import damage, metrics, rotations
-from ..body import BODY, JOINT, LIMBS
-from ..corpus import Corpus
+from .. import rotations
+from ..body.joints import BODY, JOINT, LIMBS
+from ..corpora.corpus import Corpus
+from ..damage import corruption
+from ..metrics import positional
 from ..progress import Stage, silent
 from . import quality
-from .methods import Method
+from .method import Method
 from .results import TRUTH, Cell, Protocol
 from .trials import Harm, Means, Trial, announced, middle, missing, noisy, played, whole_windows
 
@@ -139,7 +141,7 @@ def measure_trial(
             tally = tallies.setdefault(name, Tally())
             if name != TRUTH:
                 tally.add_errors(block.truth, guess, block.judged)
-            tally.add({"limb σ": (metrics.limb_sigma(guess, BODY.parents), len(guess))})
+            tally.add({"limb σ": (positional.limb_sigma(guess, BODY.parents), len(guess))})
             if judge_quality:
                 tally.add(quality.measure(block.truth, guess, block.judged, corpus.fps, BODY, standing))
     return tallies
@@ -156,7 +158,7 @@ class Tally(Means):
         """Both MPJPEs of some more windows."""
         for name, root in zip(ERRORS, (JOINT["hips"], None)):
             here = judged if root is None else judged & np.isfinite(truth[:, :, root, None, 0])
-            apart = np.where(here, metrics.distances(truth, guess, root), 0) * 1000
+            apart = np.where(here, positional.distances(truth, guess, root), 0) * 1000
             count = here.sum(axis=(1, 2))
             self.add({name: (float(apart.sum()) / max(int(count.sum()), 1), int(count.sum()))})
             some = count > 0
@@ -184,8 +186,8 @@ def displaced(joints: Sequence[int], frames: int) -> Harm:
 
     def shift(positions: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         moved = middle(positions.shape[:3], joints, frames)
-        offsets = damage.constant_offsets(len(positions), rng)
-        return damage.displace(positions, moved, offsets), np.zeros_like(moved), moved
+        offsets = corruption.constant_offsets(len(positions), rng)
+        return corruption.displace(positions, moved, offsets), np.zeros_like(moved), moved
 
     return shift
 
@@ -199,7 +201,7 @@ def noisy_turns(sigma: float) -> Harm:
 
     def shake(positions: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         still = np.broadcast_to(rotations.IDENTITY, (*positions.shape[:3], 4))
-        turns = damage.rotation_noise(still, sigma, rng)
+        turns = corruption.rotation_noise(still, sigma, rng)
         out, whole = positions.astype(float), still.copy()
         for joint, parent in enumerate(BODY.parents):
             if parent >= 0:

@@ -1,5 +1,8 @@
 """Files ↔ takes: one module a format, one table.
 
+In: a path, and what its user knows better than the file. Out: a `Take` in metres with Y up, or the file written back.
+Units and axes are converted here and nowhere else. It must not know damage, repairs or networks.
+
 A format is a module with `read(path, hints) -> Take` and, if it can be written, `write(take, path)`. A
 reader keeps in `take.document` whatever it needs to write the file back exactly; a writer that gets a take
 of its own format replaces only the samples that differ from what was read, and one that gets another
@@ -20,7 +23,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion import Take
-from .units import Hints
+from ..units import Hints
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..units import Hints
 from ._text import decoded, is_numeric, line_at, number, numbers
-from .units import Hints
 
 Array = np.ndarray
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import body
+from ..body.measures import measure
 from ..errors import InputError, nearest_names
 from ..motion import Rig, Skeleton, Take, Units
 from ..rotations import IDENTITY, from_euler, inverse, multiply
+from ..units import Hints, resolve, rotation_to_y_up, to_metres
 from ._text import decoded, is_numeric, number, numbers
-from .units import Hints, resolve, rotation_to_y_up, to_metres
 
 Array = np.ndarray
 
@@ -61,7 +61,7 @@ def read(path: Path, hints: Hints) -> Take:
         hints,
         said_unit="asf" if figure.length is not None and abs(figure.length - 0.45) < 1e-3 else None,
         usual_unit="asf",
-        **body.measure(rig.skeleton, pose),
+        **measure(rig.skeleton, pose),
     )
     rig = _rig(figure, values, units)
     return Take(rig.motion(hints.fps or 120.0), rig, None, units, "amc", str(path), tuple(notes))

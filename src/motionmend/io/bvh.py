@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import body
+from ..body.measures import measure
 from ..errors import InputError
 from ..motion import Rig, Skeleton, Take, Units
 from ..rotations import IDENTITY, forward_kinematics
+from ..units import Hints, from_metres, resolve, rotation_to_y_up, to_metres
 from . import _points
 from ._bvh_text import Reader, Tree
 from ._euler import follow, turns
-from .units import Hints, from_metres, resolve, rotation_to_y_up, to_metres
 
 Array = np.ndarray
 
@@ -53,7 +53,7 @@ def read(path: Path, hints: Hints) -> Take:
     plain = _rig(tree, skeleton, few, Units(1.0, "y", ""))
     pose, unturned = plain.kinematics[0], np.broadcast_to(IDENTITY, (1, len(skeleton), 4))
     rest = forward_kinematics(unturned, plain.offsets[None], skeleton.parents)[0][0]
-    units = resolve(hints, usual_unit="cm", **body.measure(skeleton, pose, rest))
+    units = resolve(hints, usual_unit="cm", **measure(skeleton, pose, rest))
     rig = _rig(tree, skeleton, channels, units)
     document = Document(raw, rows, channels, tree, rig)
     return Take(rig.motion(fps), rig, document, units, "bvh", str(path), tuple(notes))

@@ -18,16 +18,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body import measure
+from .. import units
+from ..body.measures import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
-from . import _points, units
+from ..units import Hints
+from . import _points
 from .c3d_new import new_file
 from .c3d_words import Encoding, Parameter
 from .c3d_words import parameters as parameters_of
-from .units import Hints
 
 Array = np.ndarray
+
 BLOCK = 512
 NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .. import units
 from ..motion import Motion, Units
-from . import units
 
 Array = np.ndarray
+
 BLOCK = 512
 MOST = 65_535  # what 16 bits can count to
 

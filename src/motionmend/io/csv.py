@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import body
+from ..body.measures import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
+from ..units import Hints, from_metres, resolve, to_metres
 from ._text import decoded
 from .csv_cells import MISSING, NUMBER, Text, data_rows, numbers
 from .csv_headers import Layout, split, understand, words
 from .csv_times import rate
-from .units import Hints, from_metres, resolve, to_metres
 
 Array = np.ndarray
 
@@ -75,7 +75,7 @@ def read(path: Path, hints: Hints) -> Take:
     skeleton = Skeleton.cloud(layout.names)
     units = resolve(
         hints, said_unit=layout.unit, usual_unit=layout.usual[0], usual_up=layout.usual[1],
-        **body.measure(skeleton, points),
+        **measure(skeleton, points),
     )  # fmt: skip
     motion = Motion(to_metres(points, units).astype(np.float32), observed, fps, skeleton)
     separator = {b"\t": "tab", b";": "';'", b",": "','"}[layout.separator]

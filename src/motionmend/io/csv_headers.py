@@ -14,10 +14,11 @@ from itertools import zip_longest
 import numpy as np
 
 from ..errors import InputError
+from ..units import SPELLINGS
 from ._text import decoded
-from .units import SPELLINGS
 
 Array = np.ndarray
+
 Lines = Callable[[int, int], list[bytes]]  # the file's lines from one index to another, without their ends
 
 SEPARATORS = (b"\t", b";", b",")

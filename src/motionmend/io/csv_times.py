@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import InputError
+from ..units import Hints
 from .csv_cells import Text
 from .csv_headers import Layout
-from .units import Hints
 
 Array = np.ndarray
 

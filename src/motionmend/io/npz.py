@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import body
+from ..body.measures import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
+from ..units import Hints, from_metres, resolve, to_metres
 from .npz_archive import Archive
-from .units import Hints, from_metres, resolve, to_metres
 
 Array = np.ndarray
 
@@ -60,7 +60,7 @@ def read(path: Path, hints: Hints) -> Take:
     skeleton = Skeleton(_names(archive, joints), parents)
     units = resolve(
         hints, said_unit=_word(archive, "unit"), said_up=_word(archive, "up"),
-        **body.measure(skeleton, positions),
+        **measure(skeleton, positions),
     )  # fmt: skip
     fps = hints.fps or _fps(archive)
     motion = Motion(to_metres(positions, units).astype(np.float32), observed, fps, skeleton)

@@ -24,13 +24,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body import measure
+from .. import units
+from ..body.measures import measure
 from ..errors import InputError
 from ..motion import Motion, Skeleton, Take, Units
-from . import _points, _text, units
-from .units import Hints
+from ..units import Hints
+from . import _points, _text
 
 Array = np.ndarray
+
 MISSING = {b"", b"nan", b"na", b"n/a", b"null", b"none", b"nan(ind)", b"1.#qnan", b"1.#ind", b"1.#qnb", b"inf"}
 BOM = b"\xef\xbb\xbf"
 

@@ -1,1 +1,5 @@
-"""Training: one loop for every network. `loop.train(settings, folder)` does it, `config.Settings` says how."""
+"""The loop: a network, corpora and settings become a run that can be killed and resumed bit for bit.
+
+In: `Settings` and a folder. Out: checkpoints, logs and the exported network. It may ask the benchmark for
+validation; it must not know the command line, nor be needed by anything that runs without torch.
+"""

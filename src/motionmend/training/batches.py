@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError
-from ..models import network_class
-from ..models.network import Network
+from ..networks.models import network_class
+from ..networks.models.network import Network
 from .config import Settings
 
 Array = np.ndarray

@@ -9,8 +9,8 @@ from typing import Any
 import torch
 from accelerate import Accelerator
 
-from ..corpus import Corpus
-from ..models.network import Network
+from ..corpora.corpus import Corpus
+from ..networks.models.network import Network
 from .config import Settings
 from .runs import machine
 from .validation import hidden_middles
@@ -41,7 +41,7 @@ def budget(
 
 def began(start: str) -> str:
     """The weights that training began with, in words."""
-    from ..checkpoints import load
+    from ..networks.checkpoints import load
 
     checkpoint = load(start)
     return f"{checkpoint.name}: {checkpoint.summary}"
@@ -51,7 +51,7 @@ def exported(
     network: Network, folder: Path, corpora: Sequence[Corpus], spent: dict[str, Any], scores: dict[str, float]
 ) -> Path:
     """Export into the run's own folder, in place of an earlier export; checked on real windows."""
-    from ..export import export
+    from ..networks.export import export
 
     _, positions, observed = hidden_middles(corpora[0], network.frames, 8)
     return export(

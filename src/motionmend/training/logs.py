@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ..checkpoints import span
+from ..networks.checkpoints import span
 from .state import aside
 
 

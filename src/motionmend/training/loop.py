@@ -16,10 +16,10 @@ import torch
 from accelerate import Accelerator
 from torch import Tensor, nn
 
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError
-from ..models import network_class
-from ..models.network import Network
+from ..networks.models import network_class
+from ..networks.models.network import Network
 from . import config, runs, state
 from .batches import Ahead, Batches, Workers, share
 from .config import Settings, rate

@@ -17,11 +17,11 @@ from accelerate import Accelerator
 from accelerate.utils import broadcast_object_list
 
 from ..benchmark.results import evenly
-from ..checkpoints import load_network
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError
-from ..models import network_class
-from ..models.network import Network
+from ..networks.checkpoints import load_network
+from ..networks.models import network_class
+from ..networks.models.network import Network
 from . import config, state
 from .config import Settings
 

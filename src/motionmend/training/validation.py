@@ -9,14 +9,15 @@ import numpy as np
 import torch
 
 from ..benchmark.results import evenly
-from ..corpus import Corpus
+from ..corpora.corpus import Corpus
 from ..errors import InputError
-from ..models.network import Network
 from ..motion import Skeleton
+from ..networks.models.network import Network
 from .config import Settings
 from .state import aside
 
 Array = np.ndarray
+
 Validate = Callable[[Network, Corpus, Settings, Path], dict[str, float]]
 DRAWN = 3  # windows in a picture
 
@@ -28,7 +29,7 @@ def scores_of(network: Network, corpus: Corpus, settings: Settings, picture: Pat
     are the same in every validation.
     """
     from ..benchmark import quick
-    from ..networks import module_completer
+    from ..networks.loading import module_completer
 
     completer = module_completer(network, corpus.skeleton)
     draw_samples(completer.windows, corpus, network.frames, picture)

@@ -1,0 +1,131 @@
+"""Classical fills for points: straight lines, Hermite and cubic splines, and donors.
+
+Every fill is a `Completer`, kept in `FILLS` under its name. They compute in float64, read observed samples
+only, and change nothing that is observed. A joint that is never observed stays so. A gap at the take's edge
+has no far end: if it is at most EDGE_SECONDS long it is extrapolated by `curves.settle` (the velocity dies
+away), and otherwise left unobserved; `Gaps.is_edge` says which gaps these are. Three donors of one body know how
+it went on, so with them edges of any length are filled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..gaps import Gaps, covered, groups
+from ..motion import Motion
+from .curves import CURVES
+from .donors import Chart, bone_chart, near, pattern_chart, rigid_chart
+
+Array = np.ndarray
+
+EDGE_SECONDS = 1.0
+DAY = 86_400.0  # seconds, longer than any take
+
+
+class Fill:
+    """A Completer that fills gap by gap, and can tell how it filled each."""
+
+    def complete(self, motion: Motion) -> Motion:
+        """See `Completer`."""
+        return self.fill(motion)[0]
+
+    def fill(self, motion: Motion) -> tuple[Motion, Gaps]:
+        """The completed motion, and its gaps with `method` and `donors` told."""
+        out = motion.positions.copy()
+        gaps = self.fill_gaps(out, motion, Gaps.of(motion.observed))
+        filled = covered(gaps.pick(gaps.method != ""), motion.observed.shape)
+        return replace(motion, positions=out, observed=motion.observed | filled), gaps
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        """Write what is missing in `gaps` into `out (frames, joints, 3)`; the gaps with what was done."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class CurveFill(Fill):
+    """Crosses each gap by the curve of this name in `curves.CURVES`: "linear", "hermite" or "cubic"."""
+
+    name: str
+    edge_seconds: float = EDGE_SECONDS
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        return cross(out, motion.positions, motion.observed, motion.fps, gaps, self.name, self.edge_seconds)
+
+
+def cross(
+    out: Array, values: Array, observed: Array, fps: float, gaps: Gaps, name: str, edge_seconds: float
+) -> Gaps:
+    """Fill `gaps` of `values (frames, joints, dimensions)` into `out` by a curve; the gaps with `method` set."""
+    curve, rows = CURVES[name], np.flatnonzero(crossable(gaps, fps, edge_seconds))
+    for group in groups(gaps.pick(rows), observed, curve.reach(fps)):
+        samples = values[group.frames, group.joints].astype(np.float64)
+        out[group.missing, group.joints] = curve.across(group.length, group.times, fps) @ samples
+    method = gaps.method.copy()
+    method[rows] = name
+    return replace(gaps, method=method)
+
+
+def crossable(gaps: Gaps, fps: float, edge_seconds: float) -> Array:
+    """`(gaps,)` bool: gaps with both ends, and those with one that are short enough to extrapolate."""
+    short = gaps.length <= max(1, round(edge_seconds * fps))
+    return ~gaps.is_blank & (short | ~gaps.is_edge)
+
+
+@dataclass(frozen=True)
+class DonorFill(Fill):
+    """Crosses each gap by a curve in coordinates that move with other joints, observed through the gap.
+
+    chart : `donors.pattern_chart`, the difference to one donor; `donors.bone_chart`, that to a joint above it in the
+        skeleton; or `donors.rigid_chart`, the place in the frame of three or more that keep their distances.
+    donors : names to choose from; all joints if empty.
+    edge_seconds : gaps at the take's edge are carried by donors up to this length.
+    otherwise : fills the gaps for which no donors qualify.
+    """
+
+    name: str
+    chart: Callable[..., Chart | None]
+    donors: tuple[str, ...] = ()
+    curve: str = "eased"
+    edge_seconds: float = EDGE_SECONDS
+    otherwise: Fill = CurveFill("eased")
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        method, donors = gaps.method.copy(), {}
+        for row, chart in self.charts(motion, gaps):
+            start, stop, joint = gaps.start[row], gaps.stop[row], gaps.joint[row]
+            weights = CURVES[self.curve].across(int(stop - start), chart.frames - (start - 1), motion.fps)
+            out[start:stop, joint] = chart.outward(weights @ chart.samples)
+            method[row], donors[row] = self.name, chart.donors
+        rest = np.flatnonzero(method == gaps.method)
+        others = self.otherwise.fill_gaps(out, motion, gaps.pick(rest))
+        method[rest] = others.method
+        donors |= {int(rest[row]): chosen for row, chosen in others.donors.items()}
+        return replace(gaps, method=method, donors=donors)
+
+    def charts(self, motion: Motion, gaps: Gaps) -> Iterator[tuple[int, Chart]]:
+        """For each gap that has donors, its row and its Chart."""
+        allowed = np.zeros(len(motion.skeleton), bool)
+        allowed[[motion.skeleton.index(name) for name in self.donors] or slice(None)] = True
+        hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
+        reach = CURVES[self.curve].reach(motion.fps)
+        for row in np.flatnonzero(crossable(gaps, motion.fps, self.edge_seconds)).tolist():
+            joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
+            through = hidden[min(stop + 1, len(motion))] == hidden[max(start - 1, 0)]
+            seen = near(motion.observed[:, joint], start, stop, reach)
+            chart = self.chart(motion, joint, start, stop, seen, allowed & through)
+            if chart is not None:
+                yield row, chart
+
+
+FILLS: dict[str, Fill] = {
+    "linear": CurveFill("linear"),
+    "hermite": CurveFill("hermite"),
+    "eased": CurveFill("eased"),
+    "cubic": CurveFill("cubic"),
+    "pattern": DonorFill("pattern", pattern_chart),
+    "bones": DonorFill("bones", bone_chart),
+    "rigid": DonorFill("rigid", rigid_chart, curve="linear", edge_seconds=DAY),
+}
