@@ -25,13 +25,13 @@ slow: $(VENV)/.dev
 blender: $(VENV)/.dev
 	$(PYTHON) -m venv .venv-blender
 	.venv-blender/bin/pip install -q --disable-pip-version-check bpy==5.0.1
-	MOTIONMEND_BPY_PYTHON=$(CURDIR)/.venv-blender/bin/python $(BIN)/pytest tests/test_io_glb.py
+	MOTIONMEND_BPY_PYTHON=$(CURDIR)/.venv-blender/bin/python $(BIN)/pytest tests/io/test_glb.py
 
 docs: $(VENV)/.docs
 	$(BIN)/sphinx-build -W -b html docs docs/_build
 
 fuzz: $(VENV)/.dev
-	$(BIN)/python tests/fuzz.py --files 100000
+	$(BIN)/python tests/io/fuzz.py --files 100000
 
 $(VENV)/.app: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import PACKS
+from captures import PACKS
 from motionmend import io, rotations
 from motionmend.body.joints import BODY, JOINT, LEFT_RIGHT, LIMBS
 from motionmend.body.mapping import Mapping, map_rig, read_map, to_body

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motionmend
+from legs import NAMES, UNITS, point_take, rig_take
 from motionmend.damage.planting import mirrored_pairs, plant, plant_and_tell
 from motionmend.diagnosis.diagnosing import diagnose
 from motionmend.diagnosis.findings import CERTAIN, Diagnosis, told, unswap
@@ -19,7 +20,6 @@ from motionmend.diagnosis.symptoms import noise_level
 from motionmend.io import load, save
 from motionmend.motion import Motion, Skeleton, Take, Units
 from motionmend.rotations import apply, from_rotvec, inverse, multiply
-from test_planting import NAMES, UNITS, point_take, rig_take
 
 
 def cloud_of(positions: np.ndarray, fps: float = 120.0, names: tuple[str, ...] | None = None) -> Take:

@@ -29,7 +29,7 @@ from motionmend.training.logs import Journal  # noqa: E402
 from motionmend.training.loop import train  # noqa: E402
 from toys import Line, line_corpus, no_scores, settings, trained  # noqa: E402
 
-HERE = Path(__file__).parent
+SUPPORT = Path(__file__).parents[1] / "support"
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -59,9 +59,9 @@ def process(folder: Path, corpus: Path, *launcher: str, **options) -> subprocess
     """Training in a process of its own, or in several by a launcher."""
     pairs = [f"{key}={value!r}" for key, value in options.items()]
     return subprocess.Popen(
-        [sys.executable, *launcher, str(HERE / "toys.py"), str(folder), str(corpus), *pairs],
+        [sys.executable, *launcher, str(SUPPORT / "toys.py"), str(folder), str(corpus), *pairs],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=os.environ | {"PYTHONPATH": str(HERE), "CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"PYTHONPATH": str(SUPPORT), "CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Mutation fuzzing of the readers: damaged files must load or be refused with one clear error, quickly.
 
-    python tests/fuzz.py --files 100000 --seed 1
+    python tests/io/fuzz.py --files 100000 --seed 1
 
 Small good files of every format are mutated (bytes flipped, cut, doubled, moved; numbers replaced by hostile
 ones; files truncated or spliced) and given to `motionmend.load`. Anything but a Take or an InputError is a

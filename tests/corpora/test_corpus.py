@@ -628,7 +628,7 @@ def test_some_of_reactidle(reactidle, tmp_path):
 def test_all_of_cmu(cmu, tmp_path):
     table = cmu.parent / "cmu.csv"
     if not table.exists():
-        from conftest import PACKS
+        from captures import PACKS
 
         shutil.copy(PACKS / "cmu.csv", table)
     corpus = build("cmu", cmu, tmp_path / "x.corpus")
