@@ -20,7 +20,7 @@ from motionmend.constraints import feet
 from motionmend.fills.kinds import point_kinds, rig_kinds
 from motionmend.gaps import Gaps
 from motionmend.motion import Take, Units
-from motionmend.repairs import network_fill, repairing
+from motionmend.repairs import filling, network_fill
 from motionmend.repairs.chooser import NETWORK_WINS
 
 Array = np.ndarray
@@ -50,7 +50,7 @@ def errors(
         else:
             kinds |= set(rig_kinds(broken, Gaps.of(broken.trusted)))
         for method, found in misses.items():
-            filled, _ = repairing.fill(take, method, (), legs, mapping)
+            filled, _ = filling.fill(take, method, (), legs, mapping)
             found.append(np.linalg.norm(filled.motion.positions - rig.kinematics[0], axis=-1)[unseen])
     return ", ".join(sorted(kinds)), np.array([1e3 * np.concatenate(found).mean() for found in misses.values()])
 

@@ -23,7 +23,7 @@ from motionmend.body.mapping import map_rig
 from motionmend.constraints import feet
 from motionmend.fills.channels import RIG_FILLS
 from motionmend.motion import Take
-from motionmend.repairs import network_fill, repairing
+from motionmend.repairs import filling, network_fill
 
 Array = np.ndarray
 SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.2, 2.0)
@@ -49,7 +49,7 @@ def missed(take: Take, whole: Array, lost: Array, mapping, methods: list[str]) -
         return None
     damaged, errors = replace(take, rig=broken, motion=broken.motion(take.fps)), []
     for method in methods:
-        filled, _ = repairing.fill(damaged, method, (), feet.legs(mapping.joints), mapping)
+        filled, _ = filling.fill(damaged, method, (), feet.legs(mapping.joints), mapping)
         errors.append(1e3 * np.linalg.norm(filled.motion.positions - take.motion.positions, axis=-1)[unseen])
     return np.array(errors)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -81,6 +84,44 @@ def test_a_room_says_what_it_holds_and_what_it_must_not_know(room):
     what, boundary = head.strip().split("\n\n")[:2]
     assert 3 <= len((what + "\n\n" + boundary).splitlines()) <= 6
     assert "must not" in boundary.replace("\n", " ") or "nothing" in boundary.lower()
+
+
+def page() -> str:
+    path = ROOT / "docs" / "architecture.md"
+    if not path.is_file():
+        pytest.skip("the docs are not at hand")
+    return path.read_text(encoding="utf-8")
+
+
+def test_every_room_is_on_the_page():
+    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    named = set(re.findall(r"^\| `(\w+)/`", page(), flags=re.MULTILINE))
+    assert named == rooms
+
+
+def test_every_station_exists():
+    stations = re.findall(r"\[`([^`]+)`\]\(\.\./src/motionmend/([^)]+)\)((?: (?:and )?`\w+`)*)", page())
+    assert len(stations) > 30
+    for said, path, names in stations:
+        assert said == path
+        tree = ast.parse((PACKAGE / path).read_text(encoding="utf-8"))
+        there = {each.name for each in tree.body if isinstance(each, ast.FunctionDef | ast.ClassDef)}
+        for each in tree.body:
+            targets = each.targets if isinstance(each, ast.Assign) else [getattr(each, "target", None)]
+            there |= {target.id for target in targets if isinstance(target, ast.Name)}
+        asked = set(re.findall(r"`(\w+)`", names))
+        assert asked, f"{path}: which function?"
+        assert asked <= there, f"{path} has no {asked - there}"
+
+
+def test_the_picture_is_drawn_from_the_contract_as_it_is():
+    pytest.importorskip("grimp")
+    page()
+    script = ROOT / "docs" / "draw_architecture.py"
+    spec = importlib.util.spec_from_file_location("draw_architecture", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.PICTURE.read_text(encoding="utf-8") == module.drawn(), "run python docs/draw_architecture.py"
 
 
 def loaded_by(*arguments: str) -> list[str]:

@@ -92,7 +92,7 @@ def resolve(
     Parameters
     ----------
     said_unit, said_up : what the file itself states, if anything.
-    stature : the person's height in file units, where a body was found (`body.stature`).
+    stature : the person's height in file units, where a body was found (`body.measures.stature`).
     upward : `(3,)` mean direction from hips to head in file axes, where a body was found.
     usual_unit, usual_up : the format's habit, used when nothing else decides.
     """

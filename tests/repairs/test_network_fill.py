@@ -16,7 +16,7 @@ from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
 from motionmend.networks.checkpoints import Description
 from motionmend.networks.loading import completer
-from motionmend.repairs import chooser, network_fill, repairing
+from motionmend.repairs import chooser, filling, network_fill
 from motionmend.repairs.chooser import NETWORK_WINS, Chooser, network_for, network_rows
 from motionmend.repairs.denoising import denoise
 from walks import WALK, hidden, walk
@@ -187,7 +187,7 @@ def test_without_an_installed_network_auto_does_without_and_the_method_is_refuse
     take = mm.load(WALK)
     assert mm.repair(take, gaps=[(100, 172)]).report.repaired
     with pytest.raises(InputError, match="no network named 'xmae' is installed"):
-        repairing.fill(take, "xmae")
+        filling.fill(take, "xmae")
 
 
 def test_paper_like_networks_fill_by_their_own_answer():

@@ -19,7 +19,7 @@ from motionmend.errors import InputError
 from motionmend.fills.auto import Auto
 from motionmend.motion import Motion, Skeleton, Take, Units
 from motionmend.networks.loading import load_completer
-from motionmend.repairs import network_fill, repairing, varied_fill
+from motionmend.repairs import filling, network_fill, varied_fill
 from motionmend.repairs.chooser import NETWORK_WINS
 from motionmend.repairs.varied_fill import ASTRAY, VariedFill
 from rigs import as_take, random_rig
@@ -289,7 +289,7 @@ def test_what_cannot_be_asked_is_said(take, monkeypatch):
     monkeypatch.setattr(varied_fill, "load_completer", load_completer)
     monkeypatch.setattr("motionmend.networks.checkpoints.folders", lambda: [])
     with pytest.raises(InputError, match="no network named 'trajevae' is installed"):
-        repairing.fill(take, "trajevae")
+        filling.fill(take, "trajevae")
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from ..repairs.picture import KNOWN, REPAIRED, TRUTH
 def draw_animation(takes: Sequence[Take], path: Path) -> None:
     """Write a PNG of variants of one animation over each other, at six instants from the pose on.
 
-    takes : with the reports that `animation.animate` gives them. The paths of joints that were given one are drawn
+    takes : with the reports that `animating.animate` gives them. The paths of joints that were given one are drawn
         from a quarter of a second before to as long after each instant, as the first variant has them.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -167,7 +167,7 @@ def from_take(other: Take, names: Sequence[str], body: Motion, frame: int) -> li
 
     Parameters
     ----------
-    names : joints as the other take calls them, or BODY's. body : the pose's take as BODY (`body.to_body`); frame :
+    names : joints as the other take calls them, or BODY's. body : the pose's take as BODY (`mapping.to_body`); frame :
         of the pose.
 
     Raises

@@ -82,7 +82,7 @@ def measure(
     ----------
     source : lafan1.zip, or a folder with its BVH files anywhere in it; files end in _subject1.bvh to _subject5.bvh.
     split : "test" (subject 5), or "train" (subjects 1 to 4, who normalise the positions in any case).
-    methods : those named in `rigfills.RIG_FILLS` are measured; the others do not speak rotations and are left out.
+    methods : those named in `channels.RIG_FILLS` are measured; the others do not speak rotations and are left out.
     limit : this many windows, spread evenly over all. seed, train : not needed, nothing here is drawn or learnt.
     lengths : missing frames, from 1 to 54.
 

@@ -65,7 +65,7 @@ class Stand:
 
     @classmethod
     def of(cls, pose: Array) -> Stand:
-        """By the hips, and by `body.facing`, of BODY poses `(B, J, 3)`; facing +z where that is not known."""
+        """By the hips, and by `measures.facing`, of BODY poses `(B, J, 3)`; facing +z where that is not known."""
         pose = np.asarray(pose, np.float32)
         known = np.asarray(np.isfinite(pose).all(axis=-1))
         forward = facing(Motion(pose, known, 1.0, BODY))[:, [0, 2]]

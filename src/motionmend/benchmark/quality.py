@@ -44,7 +44,7 @@ def measure(
     touched : `(B, T, J)` bool, what was damaged: where the method was at work.
     standing : `contacts` of the truth, which take longest, where the caller has them already.
 
-    "seam jump" and "seam kink" are `metrics.steps` at both ends of the touched stretches; "jitter" is that of the
+    "seam jump" and "seam kink" are `positional.steps` at both ends of the touched stretches; "jitter" is that of the
     touched samples and across their seams; "foot skate" the speed of touched feet while the true ones stand;
     "bone-length change" the greatest departure in a window from its true median, averaged over windows.
     """

@@ -31,7 +31,7 @@ _ARMS = (("upper_arm", "forearm", 0.186), ("forearm", "hand", 0.146))
 
 
 class Measures(TypedDict):
-    """What `io.units.resolve` wants to know of a body."""
+    """What `units.resolve` wants to know of a body."""
 
     stature: float | None
     upward: Array | None

@@ -25,7 +25,7 @@ from ..networks import checkpoints
 from ..networks.rows import in_world, seen_from
 from ..progress import Stage, silent
 from ..ranges import Range, split_names
-from ..repairs import repairing
+from ..repairs import filling, repairing
 from ..repairs.report import Filled
 from ..rigs.fitting import fit
 from ..rotations import apply, from_rotvec, inverse, multiply, normalised
@@ -242,7 +242,7 @@ def _answering(
         raise InputError("none of the named joints is one that a body answers to", where=take.source,
                          hint="leave --whole out, or name joints of a limb")  # fmt: skip
     legs = feet.legs(ours.joints)
-    filled, _ = repairing.fill(hidden, method, legs=legs, mapping=ours)
+    filled, _ = filling.fill(hidden, method, legs=legs, mapping=ours)
     network = next((name for name in (method, ANSWERS) if name in checkpoints.names()), "")
     if not network:
         return feet.plant_feet(filled, gap, legs)[0]
@@ -260,7 +260,7 @@ def _answering(
     positions[rows[:, None], joints] = places[:, shown]
     observed[rows[:, None], joints] = np.isfinite(places[:, shown]).all(axis=-1)
     points = replace(take, rig=None, motion=replace(take.motion, positions=positions, observed=observed))
-    answer, _ = repairing.fill(points, network, mapping=ours)
+    answer, _ = filling.fill(points, network, mapping=ours)
     if take.rig is None:
         return feet.plant_feet(answer, gap, legs)[0]
     known = [joint for joint in ours.joints if joint >= 0]

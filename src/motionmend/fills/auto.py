@@ -149,6 +149,6 @@ class Auto(Fill):
 
 
 def rig_methods(rig: Rig, gaps: Gaps, fps: float) -> Array:
-    """The winners `(gaps,)` among the fills for a rig; `rigfills.fill_rig` takes this function as its method."""
+    """The winners `(gaps,)` among the fills for a rig; `channels.fill_rig` takes this function as its method."""
     kinds = zip(rig_kinds(rig, gaps), gaps.length)
     return np.array([choose(kind, length / fps)[0] for kind, length in kinds], "U12")

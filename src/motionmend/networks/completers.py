@@ -34,7 +34,7 @@ FEET = [joint for name, joint in JOINT.items() if name.endswith(("foot", "toe"))
 
 
 class NetworkCompleter:
-    """See `motion.Completer`. A take of any length, rate and rig in which `body.map_rig` finds a person.
+    """See `motion.Completer`. A take of any length, rate and rig in which `mapping.map_rig` finds a person.
 
     Joints that are none of the network's stay as they are. A take with nothing to go by, and one with nothing
     missing, comes back as it is. `name` and `budget` are what tables say of it.
@@ -91,7 +91,7 @@ class NetworkCompleter:
 
         Parameters
         ----------
-        mapping : which joint is which, where the caller knows; `body.map_rig`'s answer otherwise.
+        mapping : which joint is which, where the caller knows; `mapping.map_rig`'s answer otherwise.
 
         Raises
         ------

@@ -30,7 +30,7 @@ def path_of(positions: Array, observed: Array) -> tuple[Array, Array]:
     """Where a body stands and faces: the root on the floor `(B, T, 2)`, x and z in metres, and the heading `(B, T)`.
 
     The root is where the hips are, smoothed over time by a Gaussian of 3 frames; the heading, radians about +Y from
-    +Z towards +X, is `body.facing`'s, smoothed by one of 20 frames. Across frames where these are not to be seen run
+    +Z towards +X, is `facing`'s, smoothed by one of 20 frames. Across frames where these are not to be seen run
     curves: `hips_of`, and straight lines between the directions. Where none is to be seen in a window it faces +Z.
 
     positions : `(B, T, J, 3)` float32 metres of BODY's joints, not read where not `observed (B, T, J)`.

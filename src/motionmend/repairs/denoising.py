@@ -56,7 +56,7 @@ def denoise(
         folder. A network rewrites the joints that it knows, and leaves all others as they are.
     cutoff : Hz, where "butterworth" passes 1/sqrt 2 of the amplitude.
     window : seconds, the length of "savgol"'s window.
-    mapping : for a network, which joint is which; `body.map_rig`'s answer otherwise.
+    mapping : for a network, which joint is which; `mapping.map_rig`'s answer otherwise.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class NetworkFill(Fill):
     a curve at the take's own rate, with all of the take beside the gap, is better than one inside a window.
 
     base : fills the rest too: joints that the network does not know, and takes in which no person is found.
-    mapping : which joint is which; `body.map_rig`'s answer otherwise.
+    mapping : which joint is which; `mapping.map_rig`'s answer otherwise.
     """
 
     completer: NetworkCompleter

@@ -35,7 +35,7 @@ class Filled:
 class Denoised:
     """What denoising did to a whole take.
 
-    limb_sigma, jitter : before and after; mm (`metrics.limb_sigma`, over the whole take) and m/s³ (`metrics.jitter`).
+    limb_sigma, jitter : before and after; mm (`limb_sigma`, over the whole take) and m/s³ (`jitter`).
         Of the 21 joints of a person's body where one is recognised, else of the take's own; NaN without bones.
     moved, farthest : mm by which the take's own joints or markers moved, the mean and the 99th percentile.
     """

@@ -36,7 +36,7 @@ class RowsConfig:
     gap: int = 60
     """Frames, the length of all training gaps where there is no curriculum."""
     damage: Literal["paper", "takes"] = "paper"
-    """What training hides: as the paper, or the gaps of `damage.take_damage`."""
+    """What training hides: as the paper, or the gaps of `corruption.take_damage`."""
     mirror: bool = False
     """Training exchanges left and right in half of the windows."""
     error: Literal["l1", "l2", "rms"] = "l1"

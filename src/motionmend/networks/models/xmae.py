@@ -52,7 +52,7 @@ class XMAEConfig:
     them: `on` for samples that may be wrong, `off` for those that are true and stay (spaces.PosesOffCurves), `smooth`
     for noisy ones (spaces.PosesSmoothCurves)."""
     damage: Literal["tokens", "takes", "gaps", "wrong"] = "tokens"
-    """What training does to a window: the paper's uniform masks, `damage.take_damage`, or its gaps alone, or what it
+    """What training does to a window: the paper's uniform masks, `take_damage`, or its gaps alone, or what it
     does to samples that are there."""
     error: Literal["l1", "rms"] = "l1"
     """What training minimises of each window: the paper's L1, or the root of the mean squared error. From curves, L1
