@@ -16,6 +16,7 @@ from motionmend.benchmark.method import Method
 from motionmend.benchmark.methods import find, find_all, hold, of_completer
 from motionmend.benchmark.results import TRUTH, Cell, Protocol, evenly
 from motionmend.benchmark.table import best, decimals_for, table
+from motionmend.body import standing
 from motionmend.body.joints import BODY, JOINT, LIMBS
 from motionmend.cli.main import main
 from motionmend.corpora.corpus import ClipInfo, Corpus
@@ -226,7 +227,8 @@ def test_straight_motion_costs_a_straight_line_nothing(lines):
     cells = xmae.measure(lines, "test", find_all(["linear", "zero-velocity"]))
     for task in ("full skeleton missing", "arm missing", "leg missing", "arm displaced, told where"):
         assert max(values(cells, task, "MPJPE, global", "linear")) < 1e-3
-        assert max(values(cells, task, "seam jump", "linear")) < 1e-2 if "told" not in task else True
+        if "told" not in task:
+            assert max(values(cells, task, "seam jump", "linear")) < 1e-2
     # Who stands still falls behind by (1 + … + n) / n = (n + 1) / 2 frames of the mean speed.
     positions, _ = lines.windows(xmae.starts(lines, "test"), 60)
     speeds = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=-1)
@@ -367,7 +369,6 @@ def test_quality_sees_what_was_planted():
     seen = quality.measure(truth, moved, touched, FPS, BODY)
     assert seen["seam jump"][0] == pytest.approx(30, rel=1e-3)
     assert seen["jitter"][0] > 100
-    assert "foot skate" not in seen or seen["foot skate"][1] > 0
 
 
 def test_quality_of_standing_feet():
@@ -502,6 +503,19 @@ def test_mistakes_are_named(walking, tmp_path, capsys):
     assert not (tmp_path / "x").exists()
 
 
+def test_quality_sees_feet_that_slide():
+    """A body that stands on its feet, and one that is pushed along by 2 mm a frame while they should stand."""
+    truth = np.tile((standing.STANDING + standing.UPRIGHT)[None, None], (1, 60, 1, 1))
+    touched = np.zeros((1, 60, len(BODY)), bool)
+    touched[:, 20:40] = True
+    slid = truth.copy()
+    slid[:, 20:40, :, 0] += 0.002 * np.arange(20)[:, None]
+    slid[:, 40:, :, 0] += 0.002 * 19
+    still, moved = (quality.measure(truth, each, touched, FPS, BODY)["foot skate"] for each in (truth, slid))
+    assert still[0] == pytest.approx(0, abs=1e-3) and still[1] > 0
+    assert moved[0] == pytest.approx(2 * FPS, rel=0.15) and moved[1] == still[1]
+
+
 def test_every_protocol_says_what_it_is():
     for name in ("xmae", "lafan1"):
         module = protocol(name)
@@ -518,8 +532,26 @@ def test_the_clock_leaves_out_the_first_call(monkeypatch):
     assert clock.table() == {"linear": {"fill": {"seconds_per_frame": 0.1, "ratio": 1.0}}}
 
 
-def test_the_commit_is_that_of_the_checkout(tmp_path):
-    assert provenance.commit() == "" or len(provenance.commit().rstrip("+")) == 40
+def test_the_commit_is_that_of_the_checkout(tmp_path, monkeypatch):
+    def git(*words: str) -> str:
+        identity = ("-c", "user.name=x", "-c", "user.email=x@example.org")
+        return subprocess.run(
+            ["git", "-C", str(tmp_path), *identity, *words], capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    module = tmp_path / "package" / "benchmark" / "provenance.py"
+    module.parent.mkdir(parents=True)
+    for path in (module, module.parents[1] / "__init__.py"):
+        path.write_text("")
+    monkeypatch.setattr(provenance, "__file__", str(module))
+    assert provenance.commit() == ""  # installed, and in no checkout
+    git("init", "-q")
+    assert provenance.commit() == ""  # inside somebody else's
+    git("add", "-A")
+    git("commit", "-qm", "all")
+    assert provenance.commit() == git("rev-parse", "HEAD") != ""
+    module.write_text("changed\n")
+    assert provenance.commit() == git("rev-parse", "HEAD") + "+"
     assert provenance.machine().endswith("cores")
 
 

@@ -217,10 +217,11 @@ def test_what_cannot_be_done_is_said(walk, options, words):
 
 def test_planted_feet_slide_less(cmu):
     take = mm.load(cmu / "16" / "16_15.amc")
-    start = 200
+    start = 180
     plain, planted = (mm.repair(take, gaps=[(start, start + 60)], plant_feet=flag) for flag in (False, True))
     assert planted.report.checks["changed"]["value"] == 0
-    assert (planted.report.checks["foot_skate"]["value"] or 0) <= (plain.report.checks["foot_skate"]["value"] or 0)
+    assert plain.report.checks["foot_skate"]["value"] > 50  # mm/s
+    assert planted.report.checks["foot_skate"]["value"] < 1
 
 
 def test_points_with_bones_keep_their_lengths(walk):

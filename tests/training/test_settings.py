@@ -7,7 +7,6 @@ import math
 import re
 import subprocess
 import sys
-import time
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from motionmend.cli.train import parsed  # noqa: E402
 from motionmend.corpora.corpus import Corpus  # noqa: E402
 from motionmend.errors import InputError  # noqa: E402
 from motionmend.networks.checkpoints import span  # noqa: E402
-from motionmend.training import config, state  # noqa: E402
+from motionmend.training import batches, config, state  # noqa: E402
 from motionmend.training.batches import Ahead, Batches, share  # noqa: E402
 from motionmend.training.config import Settings, rate  # noqa: E402
 from motionmend.training.logs import cut_back  # noqa: E402
@@ -265,16 +264,23 @@ def test_ahead_gives_what_was_made_in_order_and_raises_what_was_raised():
     assert not ahead._thread.is_alive()
 
 
-def test_waiting_is_measured():
-    with Ahead(lambda _: time.sleep(0.05), 0, 3) as slow:
-        for _ in range(3):
-            slow.next()
-    assert slow.waited > 0.1
-    with Ahead(lambda _: None, 0, 3) as quick:
-        time.sleep(0.3)
-        for _ in range(3):
-            quick.next()
-    assert quick.waited < 0.05
+def test_waiting_is_measured(monkeypatch):
+    """Only the asker's waiting counts, each time from when it asked until it got; the clock is moved by hand."""
+    clock = {"now": 0.0}
+    monkeypatch.setattr(batches.time, "perf_counter", lambda: clock["now"])
+
+    with Ahead(lambda step: step, 0, 3) as ahead:
+        get = ahead._queue.get
+
+        def after_a_while():
+            clock["now"] += 0.25
+            return get()
+
+        ahead._queue.get = after_a_while
+        for step in range(3):
+            assert ahead.next() == step
+            clock["now"] += 100  # the asker's own work
+    assert ahead.waited == 0.75
 
 
 # Logs

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -55,14 +55,24 @@ def logged(folder: Path) -> list[dict]:
     return [row for row in rows if "loss" in row]
 
 
-def process(folder: Path, corpus: Path, *launcher: str, **options) -> subprocess.Popen:
-    """Training in a process of its own, or in several by a launcher."""
+@contextmanager
+def process(folder: Path, corpus: Path, *launcher: str, stop: str = "", **options) -> Iterator[subprocess.Popen]:
+    """Training in a process of its own, or in several by a launcher; gone afterwards, whatever happened.
+
+    stop : when it is to send itself which signal, as `toys` reads it.
+    """
     pairs = [f"{key}={value!r}" for key, value in options.items()]
-    return subprocess.Popen(
+    own = {"PYTHONPATH": str(SUPPORT), "CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "TOYS_STOP": stop}
+    child = subprocess.Popen(
         [sys.executable, *launcher, str(SUPPORT / "toys.py"), str(folder), str(corpus), *pairs],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=os.environ | {"PYTHONPATH": str(SUPPORT), "CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | own, start_new_session=True,
     )  # fmt: skip
+    with child:
+        try:
+            yield child
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
 
 
 # The optimum, and what stopping does to it
@@ -80,43 +90,35 @@ def test_reaches_the_least_squares_optimum(tmp_path, corpus):
     assert np.allclose(found, best, atol=5e-3)
 
 
-def test_a_run_that_was_stopped_ends_as_one_that_was_not(tmp_path, corpus):
-    network = {"dropout": 0.2, "nap": 0.004}
+@pytest.mark.parametrize(("stop", "last"), [("137:SIGKILL", 133), ("211:SIGTERM", 212)])
+def test_a_run_that_was_stopped_ends_as_one_that_was_not(tmp_path, corpus, stop, last):
     often = {"checkpoint_every": 7, "validate_every": 50, "log_every": 10}
-    options = {"steps": 300, "batch": 16, "network": network, **often}
+    options = {"steps": 300, "batch": 16, "network": {"dropout": 0.2}, **often}
     whole = trained(tmp_path / "whole", corpus, **options)
     expected = {row["step"]: row for row in logged(tmp_path / "whole")}
-    stops = {tmp_path / stop.name: stop for stop in (signal.SIGKILL, signal.SIGTERM)}
-    children = {folder: process(folder, corpus, **options) for folder in stops}
-    ends = {folder: random.uniform(0, 0.5) for folder in stops}  # seconds from the first checkpoint on
-    while waiting := [folder for folder in stops if children[folder].returncode is None]:
-        for folder in waiting:
-            assert children[folder].poll() is None, children[folder].communicate()[0]
-            if (folder / "last.safetensors").exists():
-                ends[folder] -= 0.01
-            if ends[folder] < 0:
-                children[folder].send_signal(stops[folder])
-                children[folder].wait(timeout=60)
-        time.sleep(0.01)
-    for folder, stop in stops.items():
-        said = children[folder].communicate(timeout=60)[0]
-        done = int(state.load(folder / "last.safetensors")[1]["done"])
-        assert 0 < done < 300
-        if stop == signal.SIGTERM:
-            assert children[folder].returncode == 143
-            assert "--resume" in said
-        # What a kill in the middle of writing would have left.
-        (folder / ".last.safetensors.part").write_bytes((folder / "last.safetensors").read_bytes()[:100])
-        with (folder / "log.jsonl").open("a") as log:
-            log.write('{"step": 290, "loss": 1e9}\n{"step": 29')
-        assert same(whole, trained(folder, corpus, resume=True, **options))
-        steps = [row["step"] for row in logged(folder)]
-        assert steps == sorted(set(steps))
-        # The mean that was interrupted is over fewer steps; all later lines are the same.
-        for row in logged(folder):
-            if row["step"] > done + 10:
-                assert all(row[name] == expected[row["step"]][name] for name in ("loss", "lr", "norm"))
-        assert state.load(folder / "best.safetensors")[1] == state.load(tmp_path / "whole/best.safetensors")[1]
+    folder = tmp_path / "stopped"
+    with process(folder, corpus, stop=stop, **options) as child:
+        said = child.communicate()[0]
+    # Killed, it has its last checkpoint; asked to end, it ends its step and saves.
+    assert int(state.load(folder / "last.safetensors")[1]["done"]) == last
+    if stop.endswith("SIGTERM"):
+        assert child.returncode == 143
+        assert "--resume" in said
+    else:
+        assert child.returncode == -signal.SIGKILL
+    # What a kill in the middle of writing would have left.
+    (folder / ".last.safetensors.part").write_bytes((folder / "last.safetensors").read_bytes()[:100])
+    with (folder / "log.jsonl").open("a") as log:
+        log.write('{"step": 290, "loss": 1e9}\n{"step": 29')
+    assert same(whole, trained(folder, corpus, resume=True, **options))
+    rows = {row["step"]: row for row in logged(folder)}
+    assert list(rows) == sorted(rows) and len(rows) == len(logged(folder))
+    # The mean that was interrupted is over fewer steps; all later lines are the same.
+    later = [step for step in rows if step > last + 10]
+    assert later[-1] == 300 and later == [step for step in expected if step > last + 10]
+    for step in later:
+        assert all(rows[step][name] == expected[step][name] for name in ("loss", "lr", "norm"))
+    assert state.load(folder / "best.safetensors")[1] == state.load(tmp_path / "whole/best.safetensors")[1]
 
 
 def test_validations_and_checkpoints_change_no_weight(tmp_path, corpus):
@@ -128,9 +130,9 @@ def test_validations_and_checkpoints_change_no_weight(tmp_path, corpus):
 def test_two_processes_give_the_losses_of_one(tmp_path, corpus):
     options = {"steps": 40, "log_every": 1}
     launcher = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
-    child = process(tmp_path / "two", corpus, *launcher, **options)
-    one = trained(tmp_path / "one", corpus, **options)
-    said = child.communicate(timeout=100)[0]
+    with process(tmp_path / "two", corpus, *launcher, **options) as child:
+        one = trained(tmp_path / "one", corpus, **options)
+        said = child.communicate()[0]
     assert child.returncode == 0, said
     assert "2 processes" in said
     two = state.load(tmp_path / "two" / "last.safetensors")[0]
