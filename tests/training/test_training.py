@@ -32,15 +32,6 @@ from toys import Line, line_corpus, no_scores, settings, trained  # noqa: E402
 SUPPORT = Path(__file__).parents[1] / "support"
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """As in the processes that are started here: the sums of several threads may differ in their last bits."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def corpus(tmp_path_factory) -> Path:
     return line_corpus(tmp_path_factory.mktemp("corpus") / "line.corpus")
