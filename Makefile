@@ -5,13 +5,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= 2.13.0
 
-.PHONY: demo test check slow blender docs fuzz clean
+.PHONY: demo test quick check slow blender docs fuzz clean
 
 demo: $(VENV)/.app
 	$(BIN)/motionmend demo -o demo
 
 test: $(VENV)/.dev
 	$(BIN)/pytest -n auto
+
+# What a change to a reader, a body or a fill can break: under a minute of one core, and no torch.
+quick: .venv-quick/.done
+	.venv-quick/bin/pytest -n auto tests/io tests/body tests/metrics tests/damage tests/fills tests/rigs tests/constraints
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -43,9 +47,14 @@ $(VENV)/.dev: $(VENV)/.app
 	$(BIN)/pip install -q --disable-pip-version-check -e ".[test,check,train,tensorboard]"
 	@touch $@
 
+.venv-quick/.done: pyproject.toml
+	$(PYTHON) -m venv .venv-quick
+	.venv-quick/bin/pip install -q --disable-pip-version-check -e ".[test]"
+	@touch $@
+
 $(VENV)/.docs: $(VENV)/.app
 	$(BIN)/pip install -q --disable-pip-version-check -e ".[docs]"
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .venv-blender build dist demo docs/_build
+	rm -rf $(VENV) .venv-blender .venv-quick build dist demo docs/_build
