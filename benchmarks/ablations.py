@@ -20,6 +20,7 @@ import sys
 from pathlib import Path
 
 import torch
+from shared import head, parser, row
 
 # network -> what all rows share of the training and of the network's options, and the rows.
 TABLES: dict[str, tuple[dict[str, object], dict[str, object], dict[str, dict[str, object]]]] = {
@@ -85,14 +86,11 @@ def trained(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("network", choices=list(TABLES))
-    parser.add_argument("--corpus", nargs="+", required=True)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=500)
-    parser.add_argument("--windows", type=int, default=64)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    line = parser(__doc__, steps=500, windows=64, seed=0)
+    line.add_argument("network", choices=list(TABLES))
+    line.add_argument("--corpus", nargs="+", required=True)
+    line.add_argument("-o", "--output", type=Path, required=True)
+    options = line.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     training, shared, rows = TABLES[options.network]
     print(f"{options.network}: {options.steps} steps of {training['batch']} windows each, seed {options.seed}; "
@@ -100,8 +98,8 @@ def main() -> None:
     for number, (name, fields) in enumerate(rows.items()):
         scores = trained(options.output / f"{number:02}", options.network, training, shared | fields, options)
         if not number:
-            print("| option | " + " | ".join(scores) + " |\n|---|" + "---:|" * len(scores))
-        print(f"| {name} | " + " | ".join(f"{value:.4g}" for value in scores.values()) + " |", flush=True)
+            print(head("option", *scores))
+        print(row(name, *(f"{value:.4g}" for value in scores.values())), flush=True)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,13 @@ pybvh refuses are named and left out of the total.
 
 from __future__ import annotations
 
-import sys
-import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pybvh
+from shared import best, parser
 
 import motionmend.io
 
@@ -28,19 +28,14 @@ def theirs(path: str) -> np.ndarray:
 
 
 def best_of_five(path: str, *readers: Callable[[str], np.ndarray]) -> np.ndarray:
-    """Seconds of each reader, taken in turns so that a busy moment of the machine hits all of them."""
-    times = np.empty((5, len(readers)))
-    for row in times:
-        for at, read in enumerate(readers):
-            start = time.perf_counter()
-            read(path)
-            row[at] = time.perf_counter() - start
-    return times.min(axis=0)
+    """Seconds of each reader."""
+    return np.array([*best({read.__name__: partial(read, path) for read in readers}, 5).values()])
 
 
-def main(paths: list[str]) -> None:
-    if not paths:
-        sys.exit(__doc__)
+def main() -> None:
+    line = parser(__doc__)
+    line.add_argument("takes", nargs="+", help="BVH files")
+    paths = line.parse_args().takes
     warnings.simplefilter("ignore")
     total = np.zeros(2)
     print(f"{'frames':>7} {'motionmend':>11} {'pybvh':>9} {'ratio':>6}  file")
@@ -59,4 +54,4 @@ def main(paths: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -9,10 +9,10 @@ Chains and blends: the report's seams, against the takes' own 99th percentile, a
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
+from shared import head, options, row
 
 import motionmend as mm
 from motionmend.body.mapping import map_rig
@@ -37,7 +37,7 @@ def placed(takes: list[mm.Take], seconds: float, rng: np.random.Generator) -> st
         turned.append(abs(float(told.report.pieces[1].how.split("turned by ")[1].split("°")[0])))
         skate.append(told.report.checks["foot_skate"]["value"] or 0.0)
     values = [f"{np.median(each):.1f} ({np.mean(each):.1f})" for each in (apart, turned)]
-    return f"| {seconds} s | {len(apart)} | {values[0]} | {values[1]} | {np.mean(skate):.0f} |"
+    return row(f"{seconds} s", len(apart), *values, f"{np.mean(skate):.0f}")
 
 
 def blended(takes: list[mm.Take], fade: str, rng: np.random.Generator) -> str:
@@ -53,22 +53,18 @@ def blended(takes: list[mm.Take], fade: str, rng: np.random.Generator) -> str:
         checks, count = told.report.checks, count + 1
         jumps.append(checks["seam_jump"]["typical"] / checks["seam_jump"]["own"])
         kinks.append(checks["seam_kink"]["typical"] / checks["seam_kink"]["own"])
-    return f"| {fade} | {count} | {np.median(jumps):.2f} | {np.median(kinks):.2f} |"
+    return row(fade, count, f"{np.median(jumps):.2f}", f"{np.median(kinks):.2f}")
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--data", type=Path, required=True, help="a folder with BVH takes")
-    options.add_argument("--every", type=int, default=3)
-    options.add_argument("--seed", type=int, default=0)
-    told = options.parse_args()
+    told = options(__doc__, data=Path, every=3, seed=0)
     takes = [mm.load(path) for path in sorted(told.data.rglob("*.bvh"))[:: told.every]]
     takes = [take for take in takes if len(take) > 2.3 * take.fps]
     rng = np.random.default_rng(told.seed)
-    print("| gap | takes | off by, cm | turned by, ° | standing feet, mm/s |\n|---|---:|---:|---:|---:|")
+    print(head("gap", "takes", "off by, cm", "turned by, °", "standing feet, mm/s"))
     for seconds in SECONDS:
         print(placed(takes, seconds, rng), flush=True)
-    print("\n| fade | takes | jump / own | kink / own |\n|---|---:|---:|---:|")
+    print("\n" + head("fade", "takes", "jump / own", "kink / own"))
     for fade in ("0.1s", "0.2s", "0.4s", "0.6s"):
         print(blended(takes, fade, rng), flush=True)
 

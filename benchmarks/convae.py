@@ -9,15 +9,13 @@ positions in the world and back. Of `repeats` runs in turn, the median.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
+from shared import head, medians, options, row
 
 from motionmend.benchmark.provenance import machine
 from motionmend.body.joints import BODY
@@ -39,42 +37,27 @@ def walking(frames: int) -> tuple[np.ndarray, np.ndarray]:
     return positions, observed
 
 
-def medians(calls: list[Callable[[], object]], repeats: int) -> list[float]:
-    """Seconds of each call; they take turns, so that whatever else the machine does meets all of them."""
-    times: list[list[float]] = [[] for _ in calls]
-    for _ in range(repeats + 1):
-        for call, spent in zip(calls, times):
-            began = time.perf_counter()
-            call()
-            spent.append(time.perf_counter() - began)
-    return [float(np.median(spent[1:])) for spent in times]  # the first warms up
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--repeats", type=int, default=5)
-    options = parser.parse_args()
-    torch.set_num_threads(options.threads)
+    told = options(__doc__, threads=2, repeats=5)
+    torch.set_num_threads(told.threads)
     torch.manual_seed(0)
     network = ConvAE(ConvAEConfig(), len(BODY)).eval()
     with tempfile.TemporaryDirectory() as folder:
         export(network, Path(folder) / "convae", skeleton=BODY, windows=walking(240))
         exported, plain = load_completer(Path(folder) / "convae"), module_completer(network)
         size = sum(each.numel() for each in network.parameters())
-        print(f"{size:,} parameters, {options.threads} threads, median of {options.repeats}; "
+        print(f"{size:,} parameters, {told.threads} threads, median of {told.repeats}; "
               f"{machine()}, torch {torch.__version__}\n")  # fmt: skip
-        print("| frames | exported, s | plain torch, s | torch / exported | exported, ms a frame | with the way from "
-              "the world and back, s |")  # fmt: skip
-        print("|---:|---:|---:|---:|---:|---:|")
+        print(head("frames", "exported, s", "plain torch, s", "torch / exported", "exported, ms a frame",
+                   "with the way from the world and back, s", left=0))  # fmt: skip
         for frames in FRAMES:
             positions, observed = walking(frames)
             inputs, _ = exported.space.encode(positions, observed)
-            calls = [partial(exported.run, inputs), partial(plain.run, inputs),
-                     partial(exported.windows, positions, observed)]  # fmt: skip
-            graph, torch_, whole = medians(calls, options.repeats if frames <= PAPER else 2)
-            print(f"| {frames:,} | {graph:.3f} | {torch_:.3f} | {torch_ / graph:.2f} | {1e3 * graph / frames:.3f} | "
-                  f"{whole:.3f} |", flush=True)  # fmt: skip
+            calls = {"graph": partial(exported.run, inputs), "torch": partial(plain.run, inputs),
+                     "whole": partial(exported.windows, positions, observed)}  # fmt: skip
+            graph, torch_, whole = medians(calls, told.repeats if frames <= PAPER else 2).values()
+            print(row(f"{frames:,}", f"{graph:.3f}", f"{torch_:.3f}", f"{torch_ / graph:.2f}",
+                      f"{1e3 * graph / frames:.3f}", f"{whole:.3f}"), flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

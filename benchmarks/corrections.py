@@ -14,7 +14,8 @@ from pathlib import Path
 
 import diagnosis
 import numpy as np
-from diagnosis import accused, asked, cmu_files, overlap
+from diagnosis import accused, asked, overlap
+from shared import cmu_trials, other_packs
 
 import motionmend.io as io
 from motionmend.body.mapping import Mapping, map_rig
@@ -194,19 +195,16 @@ def main() -> None:
     options, files = asked(
         __doc__, cloud="leave the bones out of the takes; names tell them", quick="leave out the false alarms"
     )
-    data, table = options.data, options.csv
     print_found(files, options.seed, options.cloud)
     if options.quick:
         return
     print("\n### False alarms: samples of takes as published that would be changed\n")
     print("| takes | number | samples | joints with bones % | points without % |\n|---|--:|--:|--:|--:|")
     print_false_alarms(f"CMU {options.split}", [*files])
-    print_false_alarms("CMU train, every 5th", list(cmu_files(data, table, {"train"}))[::5])
-    for name, folder, step in (("ReActIdle (24 fps)", "reactidle", 1),
-                               ("Bandai-Namco 2 (30 fps), every 20th", "bandai-namco-2", 20)):  # fmt: skip
-        found: list[tuple[Path, float | None]] = [(path, None) for path in sorted((data / folder).rglob("*.bvh"))]
-        if found:
-            print_false_alarms(name, found[::step])
+    print_false_alarms("CMU train, every 5th", list(cmu_trials(options.data, "train", table=options.csv))[::5])
+    for name, found in other_packs(options.data):
+        step = 20 if len(found) > 200 else 1
+        print_false_alarms(f"{name}, every {step}th" if step > 1 else name, found[::step])
 
 
 if __name__ == "__main__":

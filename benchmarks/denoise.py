@@ -8,12 +8,11 @@ standard deviation of the bones' lengths over a take; a sigma of 0 tells what a 
 
 from __future__ import annotations
 
-import argparse
-import platform
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from shared import head, options, python, row
 
 from motionmend.benchmark.results import evenly
 from motionmend.corpora.corpus import Corpus
@@ -35,28 +34,23 @@ def told(noisy: Motion, clean: Motion) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--corpus", type=Path, required=True)
-    parser.add_argument("--methods", default="butterworth,savgol,xmae")
-    parser.add_argument("--takes", type=int, default=14)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    corpus = Corpus.open(options.corpus)
+    asked = options(__doc__, corpus=Path, methods="butterworth,savgol,xmae", takes=14, seed=0)
+    corpus = Corpus.open(asked.corpus)
     clips = [clip for clip in corpus.in_split("validation") if clip.stop - clip.start >= FRAMES]
-    takes = [corpus.motion(clips[at]) for at in evenly(np.arange(len(clips)), options.takes)]
+    takes = [corpus.motion(clips[at]) for at in evenly(np.arange(len(clips)), asked.takes)]
     seconds = sum(len(take) / take.fps for take in takes)
-    print(f"{len(takes)} takes of {corpus.name}, validation, {seconds:.0f} s, seed {options.seed}; "
-          f"Python {platform.python_version()}, NumPy {np.__version__}\n")  # fmt: skip
-    methods = ["as it is", *options.methods.split(",")]
-    print("| sigma, mm | " + " | ".join(methods) + " |\n|---:|" + "---:|" * len(methods))
+    print(f"{len(takes)} takes of {corpus.name}, validation, {seconds:.0f} s, seed {asked.seed}; "
+          f"{python()}\n")  # fmt: skip
+    methods = ["as it is", *asked.methods.split(",")]
+    print(head("sigma, mm", *methods, left=0))
     for sigma in SIGMAS:
-        random, found = np.random.default_rng(options.seed), []
+        random, found = np.random.default_rng(asked.seed), []
         for take in takes:
             noise = sigma / 1000 * random.standard_normal(take.positions.shape, np.float32)
             noisy = replace(take, positions=take.positions + noise)
             found.append([told(noisy, take), *(told(denoise(noisy, method), take) for method in methods[1:])])
         cells = [f"{error:.1f} ({bones:.1f})" for error, bones in np.mean(found, axis=0)]
-        print(f"| {sigma} | " + " | ".join(cells) + " |", flush=True)
+        print(row(sigma, *cells), flush=True)
 
 
 if __name__ == "__main__":

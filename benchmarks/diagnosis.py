@@ -9,14 +9,13 @@ beside it are measured for false alarms too.
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import platform
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from shared import cmu_trials, other_packs, parser
 
 import motionmend.io as io
 from motionmend.damage.planting import Truth, mirrored_pairs, plant_and_tell
@@ -249,13 +248,6 @@ def add_first_frame(score: Score, clean: Diagnosis, broken: Take) -> None:
     score.right += sum(f.stop == 1 for f in told)
 
 
-def cmu_files(data: Path, table: Path, splits: set[str]) -> Iterator[tuple[Path, float]]:
-    with table.open(newline="") as file:
-        for row in csv.DictReader(file):
-            if row["split"] in splits:
-                yield data / "cmu" / row["file"], float(row["fps"])
-
-
 def both_kinds(path: Path, fps: float | None = None) -> tuple[tuple[str, Take], ...]:
     take = io.load(path, fps=fps)
     return ("channels", take), ("points", as_points(take))
@@ -301,17 +293,12 @@ def asked(
     doc: str | None, **switches: str
 ) -> tuple[argparse.Namespace, list[tuple[Path, float | None]]]:
     """The command line, with `switches` by name and what their help says, and the takes of its split; says which."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True, help="the folder with cmu/ and, if at hand, the others")
-    parser.add_argument("--csv", type=Path, help="the table of trials (default: DIR/cmu.csv)")
-    parser.add_argument("--split", default="validation", help="where damage is planted")
-    parser.add_argument("--every", type=int, default=1, help="use every n-th take of the split")
-    parser.add_argument("--seed", type=int, default=1)
+    line = parser(doc, data=Path, split="validation", every=1, seed=1)
+    line.add_argument("--csv", type=Path, help="the table of trials (default: DIR/cmu.csv)")
     for name, told in switches.items():
-        parser.add_argument(f"--{name}", action="store_true", help=told)
-    options = parser.parse_args()
-    options.csv = options.csv or options.data / "cmu.csv"
-    files = list(cmu_files(options.data, options.csv, {options.split}))[:: options.every]
+        line.add_argument(f"--{name}", action="store_true", help=told)
+    options = line.parse_args()
+    files = list(cmu_trials(options.data, options.split, table=options.csv))[:: options.every]
     print(f"Seed {options.seed}, CMU {options.split} ({len(files)} takes); NumPy {np.__version__}, ", end="")
     print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores.")
     return options, files
@@ -319,17 +306,14 @@ def asked(
 
 def main() -> None:
     options, files = asked(__doc__, quick="leave out the false alarms on all other takes")
-    data, table = options.data, options.csv
     print_found(files, options.seed)
     print("\n### False alarms: samples of takes as published that would be replaced\n")
     print("| takes | number | samples | channels % | points % |\n|---|--:|--:|--:|--:|")
     print_false_alarms(f"CMU {options.split}", list(files))
     if not options.quick:
-        print_false_alarms("CMU train", list(cmu_files(data, table, {"train"})))
-        for pack, folder in (("ReActIdle (24 fps)", "reactidle"), ("Bandai-Namco 2 (30 fps)", "bandai-namco-2")):
-            found: list[tuple[Path, float | None]] = [(path, None) for path in sorted((data / folder).rglob("*.bvh"))]
-            if found:
-                print_false_alarms(pack, found)
+        print_false_alarms("CMU train", list(cmu_trials(options.data, "train", table=options.csv)))
+        for pack, found in other_packs(options.data):
+            print_false_alarms(pack, found)
 
 
 if __name__ == "__main__":

@@ -11,12 +11,12 @@ and 0.1 mm of jitter. The error is that of the missing joints or markers, in spa
 from __future__ import annotations
 
 import argparse
-import platform
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shared
 
 import motionmend.io as io
 from motionmend.fills.auto import Auto, rig_methods
@@ -72,12 +72,11 @@ Row = list[float]
 
 def table(title: str, rows: dict[str, Row]) -> None:
     print(f"\n**{title}**, mean error in mm\n")
-    print("| method | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
-    print("|---|" + "---:|" * len(SECONDS))
+    print(shared.seconds_head(["method"], SECONDS))
     best = [min(column) for column in zip(*(row for name, row in rows.items() if name in RIG_FILLS))]
     for name, row in rows.items():
         cells = (f"**{value:.1f}**" if value <= least else f"{value:.1f}" for value, least in zip(row, best))
-        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+        print(shared.row(name, *cells), flush=True)
 
 
 def mean(tables: list[dict[str, Row]]) -> dict[str, Row]:
@@ -169,14 +168,7 @@ def all_markers(owners: Array, random: np.random.Generator) -> Array:
 
 def asked(doc: str | None, **more: str) -> tuple[argparse.Namespace, list, str]:
     """The command line, the takes that it means, and what they are in words. `more` options by name: their defaults."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--subjects", nargs="+", default=["06", "16"])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--every", type=int, default=1, help="only every n-th take, for a quick look")
-    for name, default in more.items():
-        parser.add_argument(f"--{name}", default=default)
-    options = parser.parse_args()
+    options = shared.options(doc, data=Path, subjects=["06", "16"], seed=0, every=1, **more)
     data = takes(options.data / "cmu", options.subjects)[:: options.every]
     frames = sum(len(rig.trusted) for _, rig, _ in data)
     subjects = ", ".join(options.subjects)
@@ -185,7 +177,7 @@ def asked(doc: str | None, **more: str) -> tuple[argparse.Namespace, list, str]:
 
 def main() -> None:
     options, data, told = asked(__doc__)
-    print(f"{told}, Python {platform.python_version()}, NumPy {np.__version__}")
+    print(f"{told}, {shared.python()}")
 
     turns = {name: by_turns(name) for name in RIG_FILLS} | {"auto": by_turns(rig_methods)}
     turns["hermite in space"] = in_space(FILLS["hermite"])

@@ -8,13 +8,13 @@ no jump where they meet; gaps, a lost arm, a jump and dropouts are planted. Each
 
 from __future__ import annotations
 
-import argparse
 import os
-import platform
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+from shared import head, here, options, row
 
 import motionmend
 
@@ -38,23 +38,20 @@ def run(*arguments: str) -> tuple[float, float]:
 
 def main() -> None:
     bundled = Path(motionmend.__file__).parent / "examples" / "walk.bvh"
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--take", type=Path, default=bundled)
-    parser.add_argument("--frames", type=int, default=72_000)
-    options = parser.parse_args()
-    lines = options.take.read_bytes().splitlines(keepends=True)
-    head = next(number for number, line in enumerate(lines) if line.startswith(b"Frame Time")) + 1
-    rows = lines[head + 1 :]  # without the calibration pose in front
+    told = options(__doc__, take=bundled, frames=72_000)
+    lines = told.take.read_bytes().splitlines(keepends=True)
+    first = next(number for number, line in enumerate(lines) if line.startswith(b"Frame Time")) + 1
+    rows = lines[first + 1 :]  # without the calibration pose in front
     there_and_back = rows + rows[::-1]
-    rows = (there_and_back * (options.frames // len(there_and_back) + 1))[: options.frames]
-    lines[head - 2] = f"Frames: {options.frames}\n".encode()
+    rows = (there_and_back * (told.frames // len(there_and_back) + 1))[: told.frames]
+    lines[first - 2] = f"Frames: {told.frames}\n".encode()
 
     with tempfile.TemporaryDirectory() as folder:
         long, broken, fixed = (str(Path(folder) / f"{name}.bvh") for name in ("long", "broken", "fixed"))
-        Path(long).write_bytes(b"".join(lines[:head] + rows))
+        Path(long).write_bytes(b"".join(lines[:first] + rows))
         damage = ["--gap", "1000:1060", "--gap", "30000:30050", "--lost", "LeftArm,LeftForeArm:5000:5060"]
         damage += ["--jump", "Head:9000:9002", "--dropout", "0.01", "--seed", "1"]
-        print("| command | seconds | peak MB |\n|---|---|---|")
+        print(head("command", "seconds", "peak MB"))
         for command in (
             ["inspect", long],
             ["damage", long, "-o", broken, *damage],
@@ -62,11 +59,8 @@ def main() -> None:
             ["repair", broken, "-o", fixed],
         ):
             seconds, megabytes = run(*command)
-            print(f"| {command[0]} {Path(command[1]).name} | {seconds:.1f} | {megabytes:.0f} |")
-        print(
-            f"\n{options.frames} frames, {Path(long).stat().st_size / 1e6:.0f} MB of BVH; limits: {LIMITS}; "
-            f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-        )
+            print(row(f"{command[0]} {Path(command[1]).name}", f"{seconds:.1f}", f"{megabytes:.0f}"))
+        print(f"\n{told.frames} frames, {Path(long).stat().st_size / 1e6:.0f} MB of BVH; limits: {LIMITS}; {here()}")
 
 
 if __name__ == "__main__":

@@ -3,17 +3,17 @@
     python benchmarks/network_gaps.py --data DIR [--network xmae] [--subjects 06 16] [--every 3] [--seed 0]
 
 The same holes as in `fills.py`, in rigs and in the same rigs' joints as points. The numbers are mean errors of what is
-missing, in mm: auto with only the networks that come before this one in `auto.NETWORK_WINS`, and the network as
-`repair --method` has it. Where the ratio is below 1 for a kind, `auto.NETWORK_WINS` may have it.
+missing, in mm: auto with only the networks that come before this one in `NETWORK_WINS` of `repairs/chooser.py`, and
+the network as `repair --method` has it. Where the ratio is below 1 for a kind, NETWORK_WINS may have it.
 """
 
 from __future__ import annotations
 
-import platform
 from dataclasses import replace
 
 import numpy as np
 from fills import LOST, asked, below, holes
+from shared import python, seconds_head
 
 from motionmend.body.mapping import map_rig
 from motionmend.constraints import feet
@@ -61,10 +61,8 @@ def main() -> None:
     names = list(NETWORK_WINS)
     for name in names[names.index(options.network) :]:
         NETWORK_WINS[name] = {}
-    print(f"{told}; {network.completer.name}: {network.completer.budget}; Python {platform.python_version()}, "
-          f"NumPy {np.__version__}\n")  # fmt: skip
-    print("| lost | kinds | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
-    print("|---|---|" + "---:|" * len(SECONDS))
+    print(f"{told}; {network.completer.name}: {network.completer.budget}; {python()}\n")
+    print(seconds_head(["lost", "kinds"], SECONDS))
     for points in (False, True):
         for part, lost in PARTS.items():
             cells, kinds = [], ""

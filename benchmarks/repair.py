@@ -11,17 +11,15 @@ lost frames. Beside them: SciPy's CubicHermiteSpline and a straight line on the 
 
 from __future__ import annotations
 
-import argparse
-import csv
 import platform
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from shared import cmu_trials, options
 
 import motionmend as mm
 from motionmend.body.joints import LIMBS
@@ -32,13 +30,6 @@ SECONDS = (0.1, 0.3, 0.5, 0.7, 0.9)
 KINDS = ["body", "arm", "leg"]
 MARGIN = 0.15  # seconds of good motion on both sides
 VELOCITY_FRAMES = 4
-
-
-def trials(data: Path, split: str) -> Iterator[tuple[Path, float]]:
-    with (data / "cmu.csv").open() as table:
-        for row in csv.DictReader(table):
-            if row["split"] == split:
-                yield data / "cmu" / row["file"], float(row["fps"])
 
 
 def parts(take: mm.Take) -> dict[str, list[list[int]]]:
@@ -86,17 +77,13 @@ def changed_lines(before: Path, after: Path) -> set[int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--split", default="test")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    rng = np.random.default_rng(options.seed)
+    told = options(__doc__, data=Path, split="test", seed=1)
+    rng = np.random.default_rng(told.seed)
     errors: dict[tuple[str, float], list[list[float]]] = defaultdict(list)
     worst_written, outside, files = 0.0, 0, 0
     with tempfile.TemporaryDirectory() as folder:
         good, bad, fixed_path = (Path(folder) / f"{name}.bvh" for name in ("good", "bad", "fixed"))
-        for path, fps in trials(options.data, options.split):
+        for path, fps in cmu_trials(told.data, told.split):
             take = mm.load(path, fps=fps)
             if path.suffix == ".amc":
                 mm.save(take, good, force=True)
@@ -148,7 +135,7 @@ def main() -> None:
         cells = " | ".join(f"{value:.2f}" for value in mean)
         print(f"| {kind} | {seconds} | {len(rows)} | {cells} | {mean[2] / mean[1]:.3f} |")
     print(
-        f"\nMean error in mm. CMU {options.split} split, {files} takes, seed {options.seed}; "
+        f"\nMean error in mm. CMU {told.split} split, {files} takes, seed {told.seed}; "
         f"{platform.machine()}, Python {platform.python_version()}, motionmend {mm.__version__}.\n"
         f"Lines of the files that changed outside the repaired frames: {outside}. "
         f"Largest difference between a gap's error in memory and in its written file: {worst_written:.5f} mm."

@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import subprocess
 import sys
-import time
+from functools import partial
 from pathlib import Path
+
+from shared import best, head, here, options, row
 
 import motionmend
 
@@ -24,13 +24,15 @@ COMMANDS = {
 }
 TIMES = 15
 
-best = dict.fromkeys(COMMANDS, float("inf"))
-for _ in range(TIMES):
-    for name, arguments in COMMANDS.items():
-        began = time.perf_counter()
-        subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
-        best[name] = min(best[name], time.perf_counter() - began)
-print("| command | seconds |\n|---|---|")
-for name, seconds in best.items():
-    print(f"| `{name}` | {seconds:.2f} |")
-print(f"\nBest of {TIMES}; {os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}")
+
+
+def run(arguments: list[str]) -> None:
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+
+
+if __name__ == "__main__":
+    options(__doc__)
+    print(head("command", "seconds"))
+    for name, seconds in best({name: partial(run, arguments) for name, arguments in COMMANDS.items()}, TIMES).items():
+        print(row(f"`{name}`", f"{seconds:.2f}"))
+    print(f"\nBest of {TIMES}; {here()}")

@@ -9,13 +9,12 @@ are mean errors of what was missing, in mm, and for `auto` its share of the best
 
 from __future__ import annotations
 
-import argparse
-import platform
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from fills import holes
+from shared import parser, python, row, seconds_head
 
 import motionmend.io as io
 from motionmend.body.joints import LIMBS
@@ -55,11 +54,9 @@ def missed(take: Take, whole: Array, lost: Array, mapping, methods: list[str]) -
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--every", type=int, default=20, help="only every n-th take")
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    line = parser(__doc__, every=20, seed=0)
+    line.add_argument("folder", type=Path)
+    options = line.parse_args()
     takes = [io.load(path) for path in sorted(options.folder.rglob("*.bvh"))[:: options.every]]
     found = [(take, map_rig(take.skeleton, take.motion.positions)) for take in takes]
     people = [(take, mapping) for take, mapping in found if mapping.is_person and min(mapping.joints) >= 0]
@@ -67,20 +64,19 @@ def main() -> None:
     minutes = sum(len(take) / take.fps for take, _ in people) / 60
     networks = "; ".join(f"{name}: {each.completer.budget}" for name, each in network_fill.installed().items())
     print(f"{len(people)} takes, {minutes:.1f} min, seed {options.seed}; {networks}; "
-          f"Python {platform.python_version()}, NumPy {np.__version__}\n")  # fmt: skip
+          f"{python()}\n")  # fmt: skip
     for part in PARTS:
-        print(f"| {part.replace('_', ' ')} | " + " | ".join(f"{seconds:g} s" for seconds in SECONDS) + " |")
-        print("|---|" + "---:|" * len(SECONDS))
+        print(seconds_head([part.replace("_", " ")], SECONDS))
         columns = []
         for seconds in SECONDS:
             random = np.random.default_rng(options.seed)
             each = [missed(take, holes(len(take), max(1, round(seconds * take.fps)), random),
                            gone(take, mapping.joints, part), mapping, methods) for take, mapping in people]  # fmt: skip
             columns.append(np.concatenate([errors for errors in each if errors is not None], axis=1).mean(axis=1))
-        for row, method in enumerate(methods):
-            cells = [f"{column[row]:.1f}" + (f" ({column[row] / column[:-1].min():.3f})" if method == "auto" else "")
+        for at, method in enumerate(methods):
+            cells = [f"{column[at]:.1f}" + (f" ({column[at] / column[:-1].min():.3f})" if method == "auto" else "")
                      for column in columns]  # fmt: skip
-            print(f"| {method} | " + " | ".join(cells) + " |")
+            print(row(method, *cells))
         print(flush=True)
 
 

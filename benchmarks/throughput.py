@@ -11,7 +11,6 @@ network's step. Rows are samples. The target is a share of waiting below 3 %.
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
 import sys
@@ -22,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from shared import parser
 from torch import Tensor, nn
 
 from motionmend.corpora.corpus import Corpus
@@ -84,13 +84,9 @@ class StandIn(Network):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--corpus", required=True, nargs="+")
-    parser.add_argument("--batch", type=int, default=128)
-    parser.add_argument("--steps", type=int, default=30)
-    parser.add_argument("--precision", default="auto")
-    parser.add_argument("--workers", type=int, default=0)
-    options = parser.parse_args()
+    line = parser(__doc__, batch=128, steps=30, precision="auto", workers=0)
+    line.add_argument("--corpus", required=True, nargs="+")
+    options = line.parse_args()
     sys.modules.setdefault("throughput", sys.modules["__main__"])  # under which the loop finds the class
     settings = settle("throughput:StandIn", StandIn, vars(options), {"log_every": 5, "checkpoint_minutes": 0.0})
 

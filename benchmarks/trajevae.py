@@ -8,14 +8,13 @@ networks have random weights, which does not matter to the time. They take turns
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from convae import medians
+from shared import head, medians, options, row
 
 from motionmend.benchmark.provenance import machine
 from motionmend.body.joints import BODY, JOINT
@@ -30,32 +29,28 @@ GIVEN = [JOINT["left_hand"], JOINT["right_hand"]]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--checkpoint", default="trajevae")
-    parser.add_argument("--samples", type=int, default=50)
-    parser.add_argument("--repeats", type=int, default=5)
-    options = parser.parse_args()
+    told = options(__doc__, checkpoint="trajevae", samples=50, repeats=5)
     clock = np.arange(101)[:, None, None] / 50
     positions = (STANDING + UPRIGHT + 0.1 * np.sin(3 * clock) * np.array([1, 0, 1])).astype(np.float32)[None]
     given = np.zeros((1, 100, len(BODY)), bool)
     given[..., GIVEN] = True
-    networks = {options.checkpoint: load_completer(options.checkpoint)}
+    networks = {told.checkpoint: load_completer(told.checkpoint)}
     with tempfile.TemporaryDirectory() as folder:
         for name, kind in (("paper's TrajeVAE", TrajeVAE), ("paper's CVAE-RNN", CVAERNN)):
             torch.manual_seed(0)
             whole = np.repeat(positions, 2, axis=0), np.ones((2, 101, len(BODY)), bool)
             path = export(kind(kind.Config(), len(BODY)), Path(folder) / kind.name, skeleton=BODY, windows=whole)
             networks[name] = load_completer(path)
-        calls = []
-        for network in networks.values():
+        calls = {}
+        for name, network in networks.items():
             assert isinstance(network, GenerativeCompleter)
-            calls.append(partial(network.sample_windows, positions[:, 0], positions[:, 1:], given, options.samples, 0))
-        times = dict(zip(networks, medians(calls, options.repeats)))
+            calls[name] = partial(network.sample_windows, positions[:, 0], positions[:, 1:], given, told.samples, 0)
+        times = medians(calls, told.repeats)
     slow = times["paper's CVAE-RNN"]
-    print(f"{options.samples} samples of 100 frames, median of {options.repeats}; {machine()}\n")
-    print("| network | seconds | CVAE-RNN takes so many times as long |\n|---|---:|---:|")
+    print(f"{told.samples} samples of 100 frames, median of {told.repeats}; {machine()}\n")
+    print(head("network", "seconds", "CVAE-RNN takes so many times as long"))
     for name, seconds in times.items():
-        print(f"| {name} | {seconds:.3f} | {slow / seconds:.1f} |")
+        print(row(name, f"{seconds:.3f}", f"{slow / seconds:.1f}"))
 
 
 if __name__ == "__main__":

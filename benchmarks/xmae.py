@@ -22,12 +22,12 @@ import argparse
 import os
 import platform
 import tempfile
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import onnxruntime
+import shared
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -117,17 +117,6 @@ def operations(network: XMAE, seen: np.ndarray) -> float:
     return total + 2 * queries * network.begin.in_features * narrow * len(seen)
 
 
-def best(rounds: int, ways: Mapping[str, Callable[[], object]]) -> dict[str, float]:
-    """Seconds of each way, the least of so many rounds, in which they take turns."""
-    seconds = dict.fromkeys(ways, float("inf"))
-    for _ in range(rounds):
-        for name, way in ways.items():
-            began = time.perf_counter()
-            way()
-            seconds[name] = min(seconds[name], time.perf_counter() - began)
-    return seconds
-
-
 def peak() -> Callable[[], object]:
     left, right, out = (torch.randn(PEAK, PEAK) for _ in range(3))
     return lambda: [torch.mm(left, right, out=out) for _ in range(4)]
@@ -178,7 +167,7 @@ def running(name: str, network: XMAE, completer: NetworkCompleter, options: argp
             difference = np.abs(answer[:few] - ways[way]()).max()
             if not difference < AGREE:
                 raise SystemExit(f"{name}, {task}: answers differ by {difference:g} m from torch, {way} tokens")
-        took = best(options.rounds, ways)
+        took = shared.best(ways, options.rounds)
         tokens = completer.space.encode(positions, observed)[0]["there"].sum(axis=1)
         parts = range(0, options.batch, rows)
         rate = sum(operations(network, tokens[start : start + rows]) for start in parts) / took["ours"] / 1e9
@@ -240,7 +229,7 @@ def training(options: argparse.Namespace) -> None:
     first = [float(ways[name]()) for name in list(ways)[:3]]
     if np.ptp(first) > 1e-4 * first[0]:
         raise SystemExit(f"losses differ: {first}")
-    took = best(options.rounds, {**ways, "peak": peak()})
+    took = shared.best({**ways, "peak": peak()}, options.rounds)
     network, batch = batch_of()
     seen = torch.zeros(len(observed), observed[0].size).scatter(1, batch["index"], batch["there"].float())
     # Backward has two products for each one of forward.
@@ -253,15 +242,9 @@ def training(options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--checkpoint", default="xmae", help="a name or folder, or nothing for none")
-    parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--train-batch", type=int, default=8)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=("running", "training"))
-    options = parser.parse_args()
+    line = shared.parser(__doc__, checkpoint="xmae", batch=64, train_batch=8, threads=2, rounds=3, seed=1)
+    line.add_argument("--only", choices=("running", "training"))
+    options = line.parse_args()
     torch.set_num_threads(options.threads)
     if hasattr(os, "sched_setaffinity"):  # onnxruntime takes a thread for each core that it may use
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.threads])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -30,3 +31,13 @@ def reactidle() -> Path:
 def bandai() -> Path:
     """Bandai-Namco's clips, BVH, in data/."""
     return unpacked("bandai-namco-2")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """A folder of the user's with walk.bvh in it, and the user in the folder."""
+    from walks import WALK
+
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(WALK, "walk.bvh")
+    return tmp_path

@@ -488,13 +488,11 @@ def network(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch, walk) -> Path:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(WALK, "walk.bvh")
+def here(here, walk) -> Path:
     keys = path_of(walk, "LeftHand")[::12] / walk.units.metres
     rows = [f"{12 * key},{x:.5f},{y:.5f},{z:.5f}" for key, (x, y, z) in enumerate(keys)]
     Path("hand.csv").write_text("\n".join(["frame,x,y,z", *rows, ""]))
-    return tmp_path
+    return here
 
 
 def test_variants_into_a_folder(here, walk, network, capsys):

@@ -14,17 +14,9 @@ import pytest
 
 import motionmend as mm
 from motionmend.cli.main import main
+from walks import WALK
 
 EXAMPLES = Path(mm.__file__).parent / "examples"
-WALK = EXAMPLES / "walk.bvh"
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    """A folder of the user's with walk.bvh in it, and the user in the folder."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(WALK, "walk.bvh")
-    return tmp_path
 
 
 def test_inspect_says_what_is_in_it(here, capsys):

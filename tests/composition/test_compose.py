@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -24,8 +23,8 @@ from motionmend.motion import Take, Units
 from motionmend.networks import checkpoints
 from motionmend.networks.rows import seen_from
 from motionmend.networks.windows import resample
+from walks import WALK
 
-WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 ARM = ("RightArm", "RightForeArm", "RightHand")
 BLEND = ("blend", "walk.bvh", "-o", "out.bvh", "--from")
 BONES = [("right_upper_arm", "right_forearm"), ("right_forearm", "right_hand")]
@@ -324,13 +323,6 @@ def test_clips_that_cannot_be_chained_are_named(walk):
 
 
 # Commands
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(WALK, "walk.bvh")
-    return tmp_path
 
 
 def test_both_commands_write_a_take_and_a_report(here, capsys):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ from motionmend.diagnosis.disagreement import disagreements
 from motionmend.diagnosis.findings import CERTAIN, undone
 from motionmend.diagnosis.offsets import solve_offset
 from motionmend.motion import Motion, Skeleton, Take, Units
+from walks import WALK
 
-WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
 UNITS = Units(1.0, "y", "metres")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 import motionmend as mm
 import walks
 from motionmend.motion import Skeleton, Take, Units
-
-WALK = Path(mm.__file__).parent / "examples" / "walk.bvh"
+from walks import WALK
 
 
 @pytest.fixture(scope="module")

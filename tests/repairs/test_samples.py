@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -290,13 +289,6 @@ def test_what_cannot_be_asked_is_said(take, monkeypatch):
     monkeypatch.setattr("motionmend.networks.checkpoints.folders", lambda: [])
     with pytest.raises(InputError, match="no network named 'trajevae' is installed"):
         filling.fill(take, "trajevae")
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(WALK, "walk.bvh")
-    return tmp_path
 
 
 COMMAND = ["repair", "walk.bvh", "--gap", "100:220", "--method", "trajevae", "--seed", "7"]

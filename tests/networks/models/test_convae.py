@@ -7,6 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from learning import losses_of  # noqa: E402
 from motionmend.networks.loading import module_completer  # noqa: E402
 from motionmend.networks.models.convae import ConvAE, ConvAEConfig  # noqa: E402
 from motionmend.networks.models.holden import Holden, HoldenConfig  # noqa: E402
@@ -135,14 +136,7 @@ def test_training_lowers_every_kind_of_loss(fields):
     positions, observed = windows(count=4)
     net.measure(positions, observed)
     batch = batch_of(net, positions, observed, step=7000)
-    optimiser = torch.optim.Adam(net.parameters(), 3e-3)
-    losses = []
-    for _ in range(40):
-        loss = net.loss(batch, 0)["loss"].mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(loss.item())
+    losses = losses_of(net, batch, 40, 3e-3)
     assert losses[-1] < 0.8 * losses[0]
 
 

@@ -8,6 +8,7 @@ from scipy.fft import dct as scipy_dct
 
 torch = pytest.importorskip("torch")
 
+from learning import losses_of  # noqa: E402
 from motionmend.body.joints import JOINT  # noqa: E402
 from motionmend.errors import InputError  # noqa: E402
 from motionmend.networks.models import trajevae  # noqa: E402
@@ -329,14 +330,7 @@ def test_other_bodies_have_other_numbers_of_joints(net):
                          ids=["paper", "ours", "baseline"])  # fmt: skip
 def test_on_a_handful_of_windows_it_learns(net):
     given = batch(net.train(), count=2)
-    optimiser = torch.optim.Adam(net.parameters(), 3e-3 if isinstance(net, TrajeVAE) else 2e-2)
-    losses = []
-    for _ in range(12):
-        loss = net.loss(given, 0)["loss"].mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(float(loss.detach()))
+    losses = losses_of(net, given, 12, 3e-3 if isinstance(net, TrajeVAE) else 2e-2)
     assert losses[-1] < 0.5 * losses[0]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from learning import losses_of  # noqa: E402
 from motionmend.body.standing import STANDING  # noqa: E402
 from motionmend.fills.points import FILLS  # noqa: E402
 from motionmend.motion import Motion  # noqa: E402
@@ -140,12 +141,5 @@ def test_on_a_handful_of_windows_it_learns():
     positions, observed = windows(4)
     arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
     batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
-    optimiser = torch.optim.Adam(net.parameters(), 3e-3)
-    losses = []
-    for _ in range(80):
-        loss = net.loss(batch, 0)["loss"].mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(float(loss.detach()))
+    losses = losses_of(net, batch, 80, 3e-3)
     assert losses[-1] < 0.8 * losses[0]
