@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 import motionmend as mm
-from motionmend.cli.demonstration import demo
 from motionmend.cli.main import main
+from motionmend.repairs.demonstration import demo
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

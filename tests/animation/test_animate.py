@@ -290,7 +290,7 @@ def without(take: Take, *names: str) -> Take:
 
 
 def test_guessed_toes_are_where_toes_are(walk):
-    from motionmend.animation.puppets import puppet
+    from motionmend.animation.subject import puppet
 
     take = without(walk, "LeftToeBase", "RightToeBase")
     pose = puppet(take, FRAME, 2, map_rig(take.skeleton, take.motion.positions)).pose

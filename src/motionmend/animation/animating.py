@@ -25,8 +25,8 @@ from ..networks.generative import GenerativeCompleter
 from ..networks.loading import load_completer
 from ..progress import Stage, silent
 from ..rigs.puppet import Puppet, standing_rig
-from .puppets import puppet
 from .report import AnimationReport, Controlled, Seam, Variant, off_ground, stretch
+from .subject import puppet
 from .trajectories import Trajectory, from_take, gathered, sampled
 
 Array = np.ndarray

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..animation.animating import Asked
-from ..animation.puppets import puppet
+from ..animation.subject import puppet
 from ..body.joints import BODY
 from ..body.mapping import map_rig
 from ..errors import InputError

@@ -9,8 +9,7 @@ from typing import Annotated, Optional
 from tyro.conf import Positional, UseAppendAction, arg
 
 from ..errors import InputError
-from .common import Reading, refuse_to_overwrite
-from .options import Output
+from .common import Output, Reading, refuse_to_overwrite
 
 File = Annotated[Optional[Path], arg(metavar="FILE")]
 

@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from ..errors import InputError
-from .options import Output
+from .common import Output
 
 Folder = Annotated[Optional[Path], arg(metavar="PATH")]
 

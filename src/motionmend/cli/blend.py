@@ -8,9 +8,7 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from .common import Reading
-from .composing import checked, written
-from .options import Output
+from .common import Output, Reading, checked, written
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,7 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional
 
-from .common import Reading
-from .composing import checked, written
-from .options import Output, paths
+from .common import Output, Reading, checked, paths, written
 
 Clips = Annotated[tuple, paths("CLIP")]
 _RANGE = re.compile(r"(.+):([^:/\\]*:[^:/\\]*)")

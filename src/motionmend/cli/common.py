@@ -1,14 +1,33 @@
-"""What verbs share: how a file is read, one error a line, nothing overwritten."""
+"""What verbs share: options that several have, how a file is read, one error a line, nothing overwritten."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Optional
+from typing import Annotated, Any, Optional
+
+from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from ..errors import InputError
+
+
+def paths(what: str) -> PrimitiveConstructorSpec:
+    """Any number of paths, shown in the help as `what`; `tuple[Path, ...]` has tyro import typeguard, which is slow."""
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=f"{what} [{what} ...]",
+        instance_from_str=lambda names: tuple(map(Path, names)),
+        is_instance=lambda value: isinstance(value, tuple),
+        str_from_instance=lambda paths: [str(path) for path in paths],
+    )
+
+
+Files = Annotated[tuple, paths("FILE")]
+Folders = Annotated[tuple, paths("FOLDER")]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="PATH")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,3 +85,29 @@ def refuse_to_overwrite(targets: Sequence[Path], source: Path, force: bool) -> N
         if target.exists() and not force:
             hint = "choose another name, or overwrite it with --force"
             raise InputError("the file exists", where=target, hint=hint)
+
+
+def report_of(output: Path) -> Path:
+    return output.with_name(output.name + ".report.json")
+
+
+def checked(output: Path, sources: Sequence[Path], force: bool) -> None:
+    """Refuse what cannot be written before the work starts."""
+    from ..io import format_of
+
+    if not format_of(output).writes:
+        raise InputError("this format can be read but not written", where=output, hint="write .bvh instead")
+    for source in sources:
+        if source.exists():
+            refuse_to_overwrite([output, report_of(output)], source, force)
+
+
+def written(result: Any, asked: Any) -> int:
+    """Write the take and its report where a Blend or a Chain `asked` for them, and print it."""
+    from ..io import save, write_whole
+
+    save(result, asked.output, force=asked.force)
+    told, report = replace(result.report, output=str(asked.output)), report_of(asked.output)
+    write_whole(report, lambda temporary: temporary.write_text(told.to_json(), encoding="utf-8"))
+    print(told.to_json() if asked.json else f"{told}\nwritten: {asked.output}\nreport:  {report}")
+    return 0

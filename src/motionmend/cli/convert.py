@@ -7,8 +7,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from .common import Reading
-from .options import Output
+from .common import Output, Reading
 
 
 @dataclass(frozen=True, kw_only=True)

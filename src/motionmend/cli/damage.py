@@ -8,8 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional, UseAppendAction
 
 from ..errors import InputError
-from .common import Reading
-from .options import Output
+from .common import Output, Reading
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from ..errors import InputError
-from .options import Folders, Output
+from .common import Folders, Output
 
 
 @dataclass(frozen=True, kw_only=True)

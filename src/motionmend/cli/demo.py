@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from .options import Output
+from .common import Output
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +16,7 @@ class Demo:
     """The folder."""
 
     def run(self) -> int:
-        from .demonstration import demo
+        from ..repairs.demonstration import demo
 
         demo(self.output)
         return 0

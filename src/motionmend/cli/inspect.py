@@ -8,8 +8,7 @@ from typing import Optional
 
 from tyro.conf import Positional
 
-from .common import Reading, each
-from .options import Files
+from .common import Files, Reading, each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +23,7 @@ class Inspect(Reading):
     """Print JSON for machines."""
 
     def run(self) -> int:
-        from .inspection import inspect
+        from ..repairs.inspecting import inspect
 
         def one(path: Path) -> None:
             print(inspect(self.load(path), self.map, as_json=self.json))

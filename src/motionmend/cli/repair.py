@@ -9,8 +9,7 @@ from typing import Literal, Optional
 from tyro.conf import Positional, UseAppendAction
 
 from ..errors import InputError
-from .common import Reading, each, refuse_to_overwrite
-from .options import Files, Output
+from .common import Files, Output, Reading, each, refuse_to_overwrite
 
 
 @dataclass(frozen=True, kw_only=True)

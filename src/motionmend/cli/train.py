@@ -13,7 +13,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, Suppress, arg
 from ..errors import InputError
 from ..networks.models import network_class
 from ..training.config import Settings, read, settle
-from .options import Output
+from .common import Output
 
 File = Annotated[Path | None, arg(metavar="FILE")]
 

@@ -12,10 +12,10 @@ from ..damage.planting import plant
 from ..errors import InputError
 from ..io import load, save, write_whole
 from ..motion import Take
-from ..repairs.comparison import compare
-from ..repairs.picture import draw_repair
-from ..repairs.repairing import repair
-from .inspection import inspect
+from .comparison import compare
+from .inspecting import inspect
+from .picture import draw_repair
+from .repairing import repair
 
 # What is planted in the bundled walk of 359 frames at 120 fps, and then found again without being told.
 GAP = (128, 170)

@@ -9,7 +9,7 @@ from ..body.mapping import map_rig, read_map
 from ..diagnosis.diagnosing import diagnose
 from ..diagnosis.findings import told
 from ..motion import Take
-from ..repairs.report import findings_table, to_json
+from .report import findings_table, to_json
 
 
 def inspect(take: Take, map_file: Path | None = None, *, as_json: bool = False) -> str:
