@@ -132,6 +132,7 @@ def train(
             workers.close()
         if run.journal:
             run.journal.close()
+    accelerator.wait_for_everyone()  # a process that leaves while another still writes may take gloo down with it
     accelerator.end_training()
     return status
 
