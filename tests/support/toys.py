@@ -118,6 +118,7 @@ if __name__ == "__main__":
     from motionmend.cli.common import complain
     from motionmend.errors import InputError
     from motionmend.training.loop import train
+    from motionmend.training.runs import leave
 
     folder, corpus, *pairs = sys.argv[1:]
     options = {key: ast.literal_eval(value) for key, value in (pair.split("=", 1) for pair in pairs)}
@@ -126,4 +127,5 @@ if __name__ == "__main__":
         status = train(settings(corpus, **options), Path(folder), resume=resume, validate=no_scores, export=no_export)
     except InputError as error:
         status = complain(error)
+    leave(status)
     sys.exit(status)

@@ -37,9 +37,12 @@ class Train(Settings):
 
     def run(self) -> int:
         from ..training.loop import train
+        from ..training.runs import leave
 
         settings = Settings(**{each.name: getattr(self, each.name) for each in fields(Settings)})
-        return train(settings, self.output, resume=self.resume)
+        status = train(settings, self.output, resume=self.resume)
+        leave(status)
+        return status
 
 
 def parsed(argv: Sequence[str]) -> Any:
