@@ -12,7 +12,7 @@ A protocol is a module of this package with
     starts(corpus, split, limit) -> (W,) first frames of its windows     # optional: how many go into the header
     figures(cells) -> dict[str, Figure]                                  # optional: more PNGs, by file stem
 
-`methods` are `methods.Method`s; one that has no `fill` (or `restore`, or `sample`) is left out of the tasks that
+`methods` are `method.Method`s; one that has no `fill` (or `restore`, or `sample`) is left out of the tasks that
 need it, and the table shows a dash. `train` is a Corpus whose split "train" may be looked up (nearest neighbours). A
 protocol whose PROTOCOL.source is True gets a Path as its `corpus`.
 """
