@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from captures import unpacked
+from captures import PACKS, unpacked
 
 # One thread a worker: several would wait for each other, and sums of several may differ in their last bits.
 for library in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -31,6 +31,12 @@ def reactidle() -> Path:
 def bandai() -> Path:
     """Bandai-Namco's clips, BVH, in data/."""
     return unpacked("bandai-namco-2")
+
+
+@pytest.fixture(scope="session")
+def free_motion() -> tuple[Path, Path]:
+    """The folder of the free pack, and its table."""
+    return unpacked("free-motion"), PACKS / "free-motion.csv"
 
 
 @pytest.fixture

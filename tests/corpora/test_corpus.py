@@ -322,7 +322,8 @@ def test_two_builds_are_byte_identical(raw, tmp_path):
     moved = shutil.copytree(raw, tmp_path / "elsewhere" / "raw")
     second = build("folder", moved, tmp_path / "y.corpus", fps=50, dtype="float16")
     assert bytes_of(first.path) == bytes_of(second.path)
-    assert set(bytes_of(first.path)) == {"corpus.json", "origins.npy", "offsets.npy", "observed.npy"}
+    names = {"corpus.json", "origins.npy", "offsets.npy", "observed.npy", "contacts.npy"}
+    assert set(bytes_of(first.path)) == names
 
 
 def test_splits_rates_and_subjects_from_a_table(raw, tmp_path):
@@ -637,3 +638,11 @@ def test_all_of_cmu(cmu, tmp_path):
     assert len(corpus.clips) == 371 and [each.file for each in corpus.dropped] == ["07/07_12.bvh"]
     lengths = [legs(corpus, clip) for clip in corpus.clips]
     assert np.nanmin(lengths) > 0.75 and np.nanmax(lengths) < 0.95
+
+
+def test_contacts_are_kept_and_follow_from_the_positions(tmp_path, small):
+    stands = small.contacts
+    assert stands is not None and stands.shape == (len(small), 4) and set(np.unique(stands)) <= {-1, 0, 1}
+    (small.path / "contacts.npy").unlink()
+    older = Corpus.open(small.path)
+    assert older.contacts is None and not older.damaged()

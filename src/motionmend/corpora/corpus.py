@@ -4,7 +4,8 @@ A folder `NAME.corpus/` holds
 - `corpus.json`: name, version, fps, dtype, skeleton, licence, credit, sha256, the clips, and what was dropped and why;
 - `origins.npy` `(F, 3)` float32: each frame's hips, rounded to 1/1024 m, so that what is left is small;
 - `offsets.npy` `(F, J, 3)` float32 or float16: the joints less their frame's origin, NaN where unobserved;
-- `observed.npy` `(F, J)` bool,
+- `observed.npy` `(F, J)` bool;
+- `contacts.npy` `(F, 4)` int8, where J are BODY's joints: whether contacts.STANDING_JOINTS stand, -1 where unknown,
 the clips one after the other along F. Metres, Y up, the floor at y = 0.
 """
 
@@ -26,6 +27,7 @@ from ..motion import Array, Motion, Skeleton
 VERSION = 1
 SPLITS = ("train", "validation", "test")
 ARRAYS = ("origins", "offsets", "observed")
+CONTACTS = "contacts"
 ESCAPE = "backslashreplace"  # of file names that are not UTF-8: as JSON has it, so they come back as they were
 
 
@@ -132,6 +134,15 @@ class Corpus:
     def observed(self) -> Array:
         """`(F, J)` bool, True = trust."""
         return _mapped(self.path / "observed.npy")
+
+    @cached_property
+    def contacts(self) -> Array | None:
+        """`(F, 4)` int8: 1 where a joint of contacts.STANDING_JOINTS stands, 0 where not, -1 where that is unknown.
+
+        It follows from the positions. None in a corpus of other joints, or made before contacts were kept.
+        """
+        path = self.path / f"{CONTACTS}.npy"
+        return _mapped(path) if path.is_file() else None
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:

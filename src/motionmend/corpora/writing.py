@@ -14,9 +14,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from ..body.joints import BODY
+from ..constraints.contacts import standing
 from ..errors import InputError
 from ..motion import Array, Motion, Skeleton
-from .corpus import ARRAYS, ESCAPE, VERSION, Clip, ClipInfo, Corpus, Dropped, data_hash
+from .corpus import ARRAYS, CONTACTS, ESCAPE, VERSION, Clip, ClipInfo, Corpus, Dropped, data_hash
 
 DTYPES = ("float32", "float16")
 ORIGIN_STEP = 1 / 1024  # a power of two: an origin is exact in float32 as far as 16 km from the middle of the stage
@@ -57,7 +59,11 @@ def write_corpus(
         hashes = [hashlib.sha256() for _ in ARRAYS]
         with contextlib.ExitStack() as stack:
             files = [stack.enter_context((aside / f"{each}.npy").open("w+b")) for each in ARRAYS]
-            kinds = list(zip(files, ("float32", dtype, "bool"), ((3,), (len(skeleton), 3), (len(skeleton),))))
+            kinds: list[tuple[BinaryIO, str, tuple[int, ...]]] = list(
+                zip(files, ("float32", dtype, "bool"), ((3,), (len(skeleton), 3), (len(skeleton),)))
+            )
+            if skeleton == BODY:
+                kinds.append((stack.enter_context((aside / f"{CONTACTS}.npy").open("w+b")), "int8", (4,)))
             for file, kind, shape in kinds:
                 _write_header(file, kind, (0, *shape))
             table: list[Clip] = []
@@ -71,6 +77,8 @@ def write_corpus(
                 for file, sha, values in zip(files, hashes, _arrays(motion, dtype)):
                     sha.update(values.data)
                     file.write(values.data)
+                for file, _, _ in kinds[len(ARRAYS) :]:
+                    file.write(_contacts(motion).data)
                 start = table[-1].stop if table else 0
                 known = {each.name: getattr(info, each.name) for each in fields(ClipInfo)}
                 table.append(Clip(**known, start=start, frames=len(motion)))
@@ -100,7 +108,7 @@ def refuse_target(path: Path, force: bool) -> None:
     if there and not force:
         raise InputError("it exists already", where=path, hint="choose another name, or replace it with --force")
     if there:
-        known = {"corpus.json", *(f"{name}.npy" for name in ARRAYS)}
+        known = {"corpus.json", *(f"{name}.npy" for name in (*ARRAYS, CONTACTS))}
         foreign = sorted(each.name for each in path.iterdir() if each.name not in known) if path.is_dir() else []
         if not (path / "corpus.json").is_file() or foreign:
             found = f"this holds {foreign[0]}, which is no part of a corpus" if foreign else "this is not a corpus"
@@ -118,6 +126,12 @@ def _arrays(motion: Motion, dtype: str) -> tuple[Array, Array, Array]:
     origins = (np.round(origins / ORIGIN_STEP) * ORIGIN_STEP + 0.0).astype(np.float32)  # no negative zeros
     offsets = np.where(seen, positions - origins[:, None], np.nan).astype(dtype)
     return np.ascontiguousarray(origins), np.ascontiguousarray(offsets), np.ascontiguousarray(motion.observed)
+
+
+def _contacts(motion: Motion) -> Array:
+    """What is stored of how feet stand: `(frames, 4)` int8."""
+    stands, known = standing(motion.positions[None], motion.observed[None], motion.fps)
+    return np.ascontiguousarray(np.where(known, stands, -1)[0].astype(np.int8))
 
 
 def _write_header(file: BinaryIO, dtype: str, shape: tuple[int, ...]) -> None:

@@ -10,6 +10,7 @@ DATASETS = {
     "cmu": ".cmu:read",
     "reactidle": ".reactidle:read",
     "bandai": ".bandai:read",
+    "free": ".free:read",
     "folder": ".folder:read",
     "h36m": ".h36m:read",
     "holden": ".holden:read",

@@ -38,7 +38,8 @@ class Raw:
 class Source:
     """A file to be read as a take, and what its data set knows of it better than the file does.
 
-    fps, unit : instead of what the file says. skip : first frames that are no motion, and why in `skip_why`.
+    fps, unit, up : instead of what the file says or would be guessed.
+    skip : first frames that are no motion, and why in `skip_why`.
     ground : "file" if y = 0 of the file is the ground, "feet" if only the feet tell, "" to see which is the case.
     """
 
@@ -50,6 +51,7 @@ class Source:
     licence: str = ""
     fps: float | None = None
     unit: str | None = None
+    up: str | None = None
     skip: int = 0
     skip_why: str = ""
     ground: str = ""

@@ -55,7 +55,7 @@ def reason(error: InputError | OSError, path: Path) -> str:
 
 def _read(source: Source) -> Raw:
     asf = asf_of(source.path) if source.path.suffix.lower() == ".amc" else None
-    take = io.load(source.path, fps=source.fps, unit=source.unit, asf=asf)
+    take = io.load(source.path, fps=source.fps, unit=source.unit, up=source.up, asf=asf)
     diagnosis = diagnose(take)
     notes = list(source.notes)
     untrusted = diagnosis.untrusted
