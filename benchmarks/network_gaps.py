@@ -1,10 +1,10 @@
-"""An installed network against `auto` without it, by kind and length of gap, in CMU's validation takes. Prints a table.
+"""Installed networks against `auto` without any, by kind and length of gap, in CMU's validation takes. Prints a table.
 
-    python benchmarks/network_gaps.py --data DIR [--network xmae] [--subjects 06 16] [--every 3] [--seed 0]
+    python benchmarks/network_gaps.py --data DIR [--networks mend xmae convae] [--subjects 06 16] [--every 3] [--seed 0]
 
-The same holes as in `fills.py`, in rigs and in the same rigs' joints as points. The numbers are mean errors of what is
-missing, in mm: auto with only the networks that come before this one in `NETWORK_WINS` of `repairs/chooser.py`, and
-the network as `repair --method` has it. Where the ratio is below 1 for a kind, NETWORK_WINS may have it.
+The same holes as in `fills.py`, in rigs and in the same rigs' joints as points. The numbers are the mean errors of
+what is missing by `auto`, in mm, and each network's as a share of that, as `repair --method` has it. Where a share is
+below 1 and the least for a kind, NETWORK_WINS of `repairs/chooser.py` may have it.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from motionmend.repairs import filling, network_fill
 from motionmend.repairs.chooser import NETWORK_WINS
 
 Array = np.ndarray
-SECONDS = (0.3, 0.5, 0.7, 0.9, 1.2, 2.0, 3.0)
+SECONDS = (0.2, 0.3, 0.5, 0.7, 0.9, 1.2, 2.0, 3.0)
 PARTS = {"body": None} | {part: lost for parts in LOST.values() for part, lost in parts.items()}
 
 
 def errors(
-    data: list, network: str, lost: tuple[str, ...] | None, seconds: float, points: bool, seed: int
+    data: list, networks: list[str], lost: tuple[str, ...] | None, seconds: float, points: bool, seed: int
 ) -> tuple[str, Array]:
-    """The kinds that these gaps have for `auto`; and the mean errors of `auto` and of the network, mm."""
-    misses: dict[str, list[Array]] = {"auto": [], network: []}
+    """The kinds that these gaps have for `auto`; and the mean errors of `auto` and of each network, mm."""
+    misses: dict[str, list[Array]] = {name: [] for name in ("auto", *networks)}
     random, kinds = np.random.default_rng(seed), set()
     for name, rig, fps in data:
         whole = holes(len(rig.trusted), round(seconds * fps), random)
@@ -56,19 +56,19 @@ def errors(
 
 
 def main() -> None:
-    options, data, told = asked(__doc__, network="xmae")
-    network = network_fill.required(options.network)
-    names = list(NETWORK_WINS)
-    for name in names[names.index(options.network) :]:
+    options, data, told = asked(__doc__, networks=list(NETWORK_WINS))
+    found = [network_fill.required(name).completer for name in options.networks]
+    for name in NETWORK_WINS:
         NETWORK_WINS[name] = {}
-    print(f"{told}; {network.completer.name}: {network.completer.budget}; {python()}\n")
+    print(f"{told}; {'; '.join(f'{each.name}: {each.budget}' for each in found)}; {python()}\n")
     print(seconds_head(["lost", "kinds"], SECONDS))
     for points in (False, True):
         for part, lost in PARTS.items():
             cells, kinds = [], ""
             for seconds in SECONDS:
-                kinds, (plain, learned) = errors(data, options.network, lost, seconds, points, options.seed)
-                cells.append(f"{plain:.1f} → {learned:.1f} ({learned / plain:.3f})")
+                kinds, (plain, *learned) = errors(data, options.networks, lost, seconds, points, options.seed)
+                shares = (f"{name} {each / plain:.2f}" for name, each in zip(options.networks, learned))
+                cells.append(f"{plain:.1f}: {', '.join(shares)}")
             print(f"| {part}, {'points' if points else 'rig'} | {kinds} | " + " | ".join(cells) + " |", flush=True)
 
 

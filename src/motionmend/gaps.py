@@ -21,6 +21,7 @@ class Gaps:
     method : what filled it, "" for nothing.
     donors : for the gaps that were filled with the help of other joints, their indices, by row.
     reasons : for the gaps whose method was chosen for a reason of their own, that reason, by row.
+    expected : for the gaps whose method says how far off it expects to be, that error in metres (median), by row.
     """
 
     joint: Array
@@ -31,6 +32,7 @@ class Gaps:
     method: Array
     donors: dict[int, tuple[int, ...]] = field(default_factory=dict)
     reasons: dict[int, str] = field(default_factory=dict)
+    expected: dict[int, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observed: Array) -> Gaps:
@@ -66,7 +68,8 @@ class Gaps:
     def pick(self, rows: Array) -> Gaps:
         """Only these rows (indices or a bool mask)."""
         columns = ("joint", "start", "stop", "before", "after", "method")
-        return replace(self, **{name: getattr(self, name)[rows] for name in columns}, donors={}, reasons={})
+        picked = {name: getattr(self, name)[rows] for name in columns}
+        return replace(self, **picked, donors={}, reasons={}, expected={})
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from motionmend.body.measures import facing
 from motionmend.body.standing import STANDING
 from motionmend.metrics.positional import bone_lengths
 from motionmend.motion import Motion
+from motionmend.networks.gap_space import OUTPUTS
 from motionmend.networks.spaces import SMOOTHING, SPACES, mirrored, smoother, turned
 
 QUICK = settings(max_examples=40, deadline=None, derandomize=True)
@@ -64,6 +65,7 @@ def test_what_goes_in_comes_back(name, seed, frames, hidden):
         "poses_off_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
         "poses_smooth_curves": lambda: inputs["curve"][..., 9:12] / 10,  # a straight line through what is seen
         "body_rows": lambda: inputs["rows"],
+        "beside_curves": lambda: np.zeros((*observed.shape[:2], OUTPUTS), np.float32),
     }
     back = space.decode(unchanged[name](), known)
     assert back.shape == positions.shape and back.dtype == np.float32

@@ -397,3 +397,22 @@ def test_work_grows_with_the_take():
 
     assert asked(16_000) < 2.1 * asked(8000)
     assert asked(8000) < 3 * 8000 / 60
+
+
+@pytest.mark.parametrize("gap, expected", [(20, 0.03), (120, 0.05)])
+def test_what_more_is_said_of_a_sample_comes_along(gap, expected):
+    """A fourth number: as said in a gap that fits, and with what was said of the coarse frames in one that does not."""
+    said = iter([0.04, 0.03] if gap > 60 else [0.03])  # coarse first
+    told = {}
+
+    def predict(positions, observed):
+        depth = told.setdefault(len(told), next(said))
+        more = np.full((*observed.shape, 1), depth, np.float32)
+        return np.concatenate([by_lines(positions, observed), more], axis=-1)
+
+    positions, observed = a_take(400), np.ones((400, 3), bool)
+    observed[100 : 100 + gap] = False
+    out = windows.complete(predict, positions, observed, 100, overlap=25, batch=64)
+    assert out.shape == (400, 3, 4) and np.array_equal(out[observed][:, :3], positions[observed])
+    assert not out[observed][:, 3].any()
+    np.testing.assert_allclose(out[102 : 98 + gap, :, 3], expected, atol=1e-6)  # beside what is seen less is open

@@ -14,7 +14,9 @@ from motionmend.errors import InputError
 from motionmend.fills.auto import Auto
 from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
+from motionmend.motion import Take, Units
 from motionmend.networks.checkpoints import Description
+from motionmend.networks.gap_space import ERRORS, OUTPUTS
 from motionmend.networks.loading import completer
 from motionmend.repairs import chooser, filling, network_fill
 from motionmend.repairs.chooser import NETWORK_WINS, Chooser, network_for, network_rows
@@ -63,6 +65,44 @@ def test_what_a_network_adds_comes_on_top_and_dies_away_at_the_seams(fps):
     np.testing.assert_allclose(lifted[middle], np.broadcast_to(LIFT, lifted[middle].shape), atol=0.01)
     assert np.abs(lifted[[start, stop - 1]]).max() < 0.01
     assert np.array_equal(filled.positions[broken.observed], broken.positions[broken.observed])
+
+
+def expecting(metres: float, lift=(0, 0, 0)):
+    """A network beside `gap_curves` that says how far off it is; at once so far from the curve where a gap begins."""
+    description = Description("mend", "beside_curves", 30.0, 96, BODY, longest=0.75)
+
+    def run(inputs):
+        out = np.zeros((*inputs["envelope"].shape[:2], OUTPUTS), np.float32)
+        missing = inputs["envelope"] > 0
+        out[..., : 3 * len(BODY)] = np.repeat(missing, 3, axis=-1) * np.tile(np.float32(lift), len(BODY))
+        out[..., ERRORS] = np.log(metres)
+        return out
+
+    return network_fill.NetworkFill(completer(description, run))
+
+
+@pytest.mark.parametrize("fps", [30.0, 60.0, 100.0])
+@pytest.mark.parametrize("as_points", [True, False])
+def test_the_error_that_a_network_expects_is_told(fps, as_points, install):
+    take = mm.load(WALK)
+    if as_points:
+        take = Take(walk(fps), None, None, Units(1.0, "y", "as it is"), "npz", "walk.npz")
+    install(expecting(0.012))
+    fixed = mm.repair(take, gaps=["1s:1.5s"], method="mend")
+    told = [row for row in fixed.report.fills if row.method == "mend"]
+    assert told and all(row.expected == pytest.approx(12, rel=1e-3) for row in told)
+    assert "expected" in str(fixed.report) and "12 mm" in str(fixed.report)
+    assert all(row.expected is None for row in mm.repair(take, gaps=["1s:1.5s"], method="eased").report.fills)
+
+
+def test_what_a_coarser_network_adds_at_once_begins_where_the_gap_does():
+    """At 120 frames a second three of four are seen between the network's last seen frame and its first missing one."""
+    broken = gap_of(walk(120.0), slice(None), 100, 160)
+    added = expecting(0.01, (0, 0.04, 0)).fill(broken)[0].positions - expecting(0.01).fill(broken)[0].positions
+    up = added[..., 1]
+    np.testing.assert_allclose(up[120:140], 0.04, atol=1e-3)
+    assert np.abs(np.diff(up[98:162], axis=0)).max() < 0.012  # within a tenth of a second, never at once
+    assert not up[:100].any() and not up[160:].any()
 
 
 def test_joints_that_the_network_does_not_know_are_left_to_the_fills():

@@ -41,7 +41,7 @@ from .writing import refuse_folder, write
 if TYPE_CHECKING:
     from ..networks.completers import NetworkCompleter
 
-PROTOCOLS = {name: f"{__name__}.{name}" for name in ("xmae", "convae", "trajevae", "lafan1")}
+PROTOCOLS = {name: f"{__name__}.{name}" for name in ("xmae", "convae", "trajevae", "lafan1", "gaps")}
 
 
 def protocol(name: str) -> Any:

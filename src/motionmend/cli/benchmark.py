@@ -24,7 +24,7 @@ class Benchmark:
     """
 
     protocol: Positional[str]
-    """xmae, convae, trajevae or lafan1."""
+    """xmae, convae, trajevae, lafan1 or gaps."""
     corpus: Folder = None
     """A corpus made by `motionmend data build`, at the protocol's rate."""
     source: Folder = None

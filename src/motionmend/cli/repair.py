@@ -30,7 +30,7 @@ class Repair(Reading):
     find: bool = False
     """Repair what diagnosis finds, besides what --gap and --lost name."""
     method: Literal[
-        "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae", "convae", "trajevae"
+        "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "mend", "xmae", "convae", "trajevae"
     ] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     samples: int = 1

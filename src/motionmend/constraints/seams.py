@@ -22,7 +22,9 @@ def keep_observed(before: Motion, after: Motion) -> Motion:
     return replace(after, positions=positions, observed=before.observed | after.observed)
 
 
-def meet_seams(filled: Array, before: Array, known: Array, fps: float, fade: float = FADE) -> Array:
+def meet_seams(
+    filled: Array, before: Array, known: Array, fps: float, fade: float = FADE, own: bool = False
+) -> Array:
     """Fade the misfit of a fill at both seams of every gap out, inside the gap: no pop in position or velocity.
 
     Parameters
@@ -32,13 +34,14 @@ def meet_seams(filled: Array, before: Array, known: Array, fps: float, fade: flo
         NaN, the misfit is judged from the samples on both sides of the seam.
     before : `(frames, joints, 3)`; known : `(frames, joints)` bool, where `before` is to be trusted.
     fade : seconds; less in gaps that are shorter.
+    own : `filled` holds the method's own version wherever it is a number, also where that repeats `before`.
 
     Returns
     -------
     `(frames, joints, 3)` float64: `before` where known, elsewhere `filled` plus minimum-jerk fades (Flash & Hogan
     1985) from the misfit of position and velocity at each seam to nothing. NaN stays NaN.
     """
-    return _met(filled.astype(float), before.astype(float), known, fps, fade, lambda base, x: x - base, np.add)
+    return _met(filled.astype(float), before.astype(float), known, fps, fade, lambda base, x: x - base, np.add, own)
 
 
 def meet_rig_seams(filled: Rig, before: Rig, fps: float, fade: float = FADE) -> Rig:
@@ -66,20 +69,20 @@ def meet_rig_seams(filled: Rig, before: Rig, fps: float, fade: float = FADE) -> 
 
 def _met(
     filled: Array, before: Array, known: Array, fps: float, fade: float,
-    misfit: Callable[[Array, Array], Array], moved: Callable[[Array, Array], Array],
+    misfit: Callable[[Array, Array], Array], moved: Callable[[Array, Array], Array], own: bool = False,
 ) -> Array:  # fmt: skip
     most = max(2, round(fade * fps))
     out = np.where(known[..., None], before, filled)
     for joint in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)):  # one at a time: it all fits in memory
         some = (slice(None), slice(joint, joint + 1))
-        change = _fades(filled[some], before[some], known[some], most, misfit)
-        change += _fades(filled[::-1][some], before[::-1][some], known[::-1][some], most, misfit)[::-1]
+        change = _fades(filled[some], before[some], known[some], most, misfit, own)
+        change += _fades(filled[::-1][some], before[::-1][some], known[::-1][some], most, misfit, own)[::-1]
         touched = ~known[some] & np.any(change != 0, axis=-1)
         out[some][touched] = moved(filled[some][touched], change[touched])
     return out
 
 
-def _fades(filled: Array, before: Array, known: Array, most: int, misfit: Callable) -> Array:
+def _fades(filled: Array, before: Array, known: Array, most: int, misfit: Callable, own: bool) -> Array:
     """The corrections `(frames, joints, 3)` that die away from each gap's first seam."""
     frames, joints = known.shape
     clock = np.arange(frames)[:, None]
@@ -87,7 +90,7 @@ def _fades(filled: Array, before: Array, known: Array, most: int, misfit: Callab
     following = np.minimum.accumulate(np.where(known, clock, frames)[::-1], axis=0)[::-1]
     offset, slope = np.zeros((2, frames, joints, 3))
     seam, joint = np.nonzero(known[:-1] & ~known[1:])
-    offset[seam, joint], slope[seam, joint] = _misfits(filled, before, known, seam, joint, misfit)
+    offset[seam, joint], slope[seam, joint] = _misfits(filled, before, known, seam, joint, misfit, own)
 
     frame, joint = np.nonzero(~known & (last >= 0))
     seam = last[frame, joint]
@@ -102,7 +105,7 @@ def _fades(filled: Array, before: Array, known: Array, most: int, misfit: Callab
 
 
 def _misfits(
-    filled: Array, before: Array, known: Array, seam: Array, joint: Array, misfit: Callable
+    filled: Array, before: Array, known: Array, seam: Array, joint: Array, misfit: Callable, always_own: bool
 ) -> tuple[Array, Array]:
     """How far the fill is from the last known sample, and that misfit's change a frame: `(gaps, 3)` each."""
     frames = len(known)
@@ -120,7 +123,7 @@ def _misfits(
     # The method's own word on the known samples, where it has one.
     first = misfit(at(filled, 0), base)
     second = misfit(at(filled, -1), at(before, -1))
-    own = np.isfinite(first).all(axis=-1) & np.any(at(filled, 0) != base, axis=-1)
+    own = np.isfinite(first).all(axis=-1) & (always_own | np.any(at(filled, 0) != base, axis=-1))
     slope = np.where((have(-1, True) & np.isfinite(second).all(axis=-1))[:, None], first - second, 0.0)
 
     # Otherwise: straight through the seam with the mean velocity of both sides. Exact for any parabola.

@@ -17,6 +17,7 @@ from ..errors import InputError, nearest_names
 from ..io import sha256_of
 from ..motion import Skeleton
 from .spaces import SPACES
+from .windows import LONGEST
 
 if TYPE_CHECKING:
     from .models.network import Network
@@ -34,6 +35,7 @@ class Description:
     space : how positions become its inputs and come back, a name in `spaces.SPACES`.
     fps, frames : of its windows; `any_length` where the graph takes other numbers of frames too.
     generative, noise_size : whether it has many answers, one for each noise `(noise_size,)`.
+    longest : share of a window that a gap of the whole body may take.
     """
 
     network: str
@@ -44,13 +46,14 @@ class Description:
     generative: bool = False
     noise_size: int = 0
     any_length: bool = False
+    longest: float = LONGEST
 
     @classmethod
     def of(cls, network: Network, skeleton: Skeleton, address: str = "") -> Description:
         """Of a torch network. `address` is the name it is found by, where that is not its own."""
         return cls(
             address or network.name, network.space, float(network.fps), int(network.frames), skeleton,
-            network.generative, int(network.noise_size), bool(network.any_length),
+            network.generative, int(network.noise_size), bool(network.any_length), float(network.longest),
         )  # fmt: skip
 
 
@@ -177,6 +180,7 @@ def load(name_or_path: str | os.PathLike) -> Checkpoint:
         description = Description(
             str(table["network"]), str(table["space"]), float(table["fps"]), int(table["frames"]), skeleton,
             bool(table["generative"]), int(table["noise_size"]), bool(table["any_length"]),
+            float(table.get("longest", LONGEST)),
         )  # fmt: skip
         sums = {name: str(table["sha256"][name]) for name in (GRAPH, WEIGHTS)} | dict(table["sha256"])
         checkpoint = Checkpoint(path, description, *(dict(table[key]) for key in ("config", "budget", "validation")))

@@ -62,19 +62,23 @@ class NetworkCompleter:
         ------
         InputError : if the windows have another number of joints or frames than the network's.
         """
-        return self._in_batches(positions, observed, {})
+        return self._in_batches(positions, observed, {})[..., :3]
 
     def _in_batches(self, positions: Array, observed: Array, more: dict[str, Array]) -> Array:
-        """`windows`, with `more` inputs that have a row for each window."""
+        """`windows`, with `more` inputs that have a row for each window; a fourth number is the error it expects."""
         self._must_fit(positions.shape)
-        out = np.empty(positions.shape, np.float32)
+        expected = getattr(self.space, "expected", None)
+        out = np.empty((*positions.shape[:3], 4 if expected else 3), np.float32)
         tokens = positions.shape[1] * (1 if self.description.generative else positions.shape[2])
         many = max(1, TOKENS // max(1, tokens))
         for start in range(0, len(out), many):
             part = slice(start, start + many)
             inputs, known = self.space.encode(positions[part], observed[part])
             inputs = {**inputs, **{name: values[part] for name, values in more.items()}}
-            out[part] = self.space.decode(self.run(inputs), known)
+            output = self.run(inputs)
+            out[part, ..., :3] = self.space.decode(output, known)
+            if expected:
+                out[part, ..., 3] = expected(output)
         return out
 
     def _must_fit(self, shape: tuple[int, ...]) -> None:
@@ -97,13 +101,28 @@ class NetworkCompleter:
         ------
         InputError : if no person is found in the rig.
         """
+        values = self.answered(motion, mapping)[..., :3]
+        if np.isnan(values).all():
+            return motion
+        return placed(motion, np.arange(len(motion.skeleton)), values, ~motion.observed)
+
+    def answered(self, motion: Motion, mapping: Mapping | None = None) -> Array:
+        """What the network says of its joints, `(frames, joints, 4)` metres; NaN for others, and where it says nothing.
+
+        Positions at the motion's own times: where a sample is observed, what the rates leave of it. Fourth, how far off
+        the network expects a missing sample to be: a median, NaN for networks that do not say.
+        """
+        values = np.full((*motion.observed.shape, 4), np.nan, np.float32)
         if motion.observed.all() or not motion.observed.any():
-            return motion
+            return values
         joints = self._joints(motion, mapping)
-        hidden = ~motion.observed[:, joints] & (joints >= 0)
-        if not hidden.any() or not motion.observed[:, joints[joints >= 0]].any():
-            return motion
-        return placed(motion, joints, self._answer(motion, joints, raw=False), hidden)
+        there = np.flatnonzero(joints >= 0)
+        observed = motion.observed[:, joints[there]]
+        if observed.all() or not observed.any():
+            return values
+        answer = self._answer(motion, joints, raw=False)[:, there]
+        values[:, joints[there], : answer.shape[-1]] = answer
+        return values
 
     def predict(self, motion: Motion, mapping: Mapping | None = None) -> Motion:
         """The network's raw answer: every sample of its joints is rewritten, the observed ones too.
@@ -116,10 +135,13 @@ class NetworkCompleter:
         if not motion.observed[:, joints[joints >= 0]].any():
             return motion
         everywhere = np.ones((len(motion), len(joints)), bool)
-        return placed(motion, joints, self._answer(motion, joints, raw=True), everywhere)
+        return placed(motion, joints, self._answer(motion, joints, raw=True)[..., :3], everywhere)
 
     def _answer(self, motion: Motion, joints: Array, raw: bool) -> Array:
-        """Positions `(frames, J, 3)` at the motion's own times; observed ones are the network's too if `raw`."""
+        """Positions, and the error it expects where it says one, `(frames, J, 3 or 4)` at the motion's own times.
+
+        Observed positions are the network's too if `raw`.
+        """
         ours, shift = self._at_its_rate(motion, joints)
         length, overlap, batch = self.frames, self.frames // 4, max(1, TOKENS // (self.frames * len(joints)))
         most = MOST if self.description.any_length else 0
@@ -130,12 +152,15 @@ class NetworkCompleter:
             whole = np.full((*observed.shape[:2], len(joints), 3), np.nan, np.float32)
             seen = np.zeros(whole.shape[:3], bool)
             whole[:, :, there], seen[:, :, there] = positions, observed
-            return self.windows(whole, seen)[:, :, there]
+            return self._in_batches(whole, seen, {})[:, :, there]
 
-        values = ours.positions.copy()
-        values[:, there] = windows.complete(
-            of_those_there, values[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch, most=most
-        )
+        filled = windows.complete(
+            of_those_there, ours.positions[:, there], ours.observed[:, there], length, overlap=overlap, batch=batch,
+            most=most, longest=self.description.longest,
+        )  # fmt: skip
+        values = np.full((*ours.observed.shape, filled.shape[-1]), np.nan, np.float32)
+        values[..., :3] = ours.positions
+        values[:, there] = filled
         if most and isinstance(self.space, BodyRows):
             self._pose_at_once(values, ours, there)
         if raw:
@@ -143,8 +168,10 @@ class NetworkCompleter:
             first = windows.starts(len(ours), length, overlap)
             cut = [windows.cut(each, first, length) for each in (ours.positions, ours.observed)]
             rewritten = windows.stitch(self.windows(*cut), first, len(ours), overlap)
-            values = np.where(ours.observed[..., None], rewritten, values)
-        return self._at_its_own(values, motion, shift)
+            values[..., :3] = np.where(ours.observed[..., None], rewritten, values[..., :3])
+        own = self._at_its_own(values[..., :3], motion, shift)
+        nearest = np.minimum(np.round(np.arange(len(motion)) * self.fps / motion.fps).astype(int), len(values) - 1)
+        return np.concatenate([own, values[nearest, :, 3:]], axis=-1)
 
     def _pose_at_once(self, values: Array, ours: Motion, there: Array) -> None:
         """In `values (frames, J, 3)`, keep the way through gaps that were crossed coarsely first; pose them at once.

@@ -90,7 +90,7 @@ def export(
         _write_weights(rounded, aside / WEIGHTS)
         facts = {
             "version": VERSION, "network": description.network, "space": description.space, "fps": description.fps,
-            "frames": description.frames, "any_length": description.any_length,
+            "frames": description.frames, "any_length": description.any_length, "longest": description.longest,
             "generative": description.generative, "noise_size": description.noise_size,
             "skeleton": {"names": list(skeleton.names), "parents": list(skeleton.parents)},
             "config": asdict(network.config), "parameters": sum(each.numel() for each in network.parameters()),

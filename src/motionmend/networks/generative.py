@@ -30,7 +30,7 @@ class GenerativeCompleter(NetworkCompleter):
 
     def windows(self, positions: Array, observed: Array) -> Array:
         """See `NetworkCompleter.windows`; all joints of the first frames must be observed."""
-        return self._in_batches(positions, observed, {"noise": self._noise(None, len(positions))})
+        return self._in_batches(positions, observed, {"noise": self._noise(None, len(positions))})[..., :3]
 
     def sample_windows(self, pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
         """`count` raw answers to each window, `(B, count, T - 1, J, 3)` metres; the same seed gives the same bits.

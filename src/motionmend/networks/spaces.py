@@ -15,6 +15,7 @@ from ..body.joints import BODY, JOINT, LEFT_RIGHT
 from ..body.standing import STANDING, UPRIGHT
 from ..fills.curves import along_bones
 from . import rows
+from .gap_space import BesideCurves
 
 Array = np.ndarray
 
@@ -38,6 +39,9 @@ class Space(Protocol):
     def decode(self, output: Array, known: Any) -> Array:
         """The network's output as `(B, T, J, 3)` float32 metres in the world."""
         ...
+
+    # Where answers are differences from curves, `nothing(inputs)` is the output that answers with the curves; where a
+    # network says how far off it expects to be, `expected(output)` is that, `(B, T, J)` metres.
 
 
 class FloorMean:
@@ -107,6 +111,9 @@ class PosesOnCurves:
     def decode(self, output: Array, known: Any) -> Array:
         origin, angles, curve, leeway = known
         return (turned(output * leeway + curve, -angles) + origin).astype(np.float32)
+
+    def nothing(self, inputs: dict[str, Array]) -> Array:
+        return np.zeros((*inputs["curve"].shape[:3], 3), np.float32)
 
     def begin(self, curve: Array) -> Array:
         """The curve `(B, T, J, 3)` that answers are differences from, made of that through what is seen."""
@@ -228,7 +235,7 @@ class BodyRows:
 
 
 _ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, PosesSmoothCurves,
-                               FirstPelvis, BodyRows)  # fmt: skip
+                               FirstPelvis, BodyRows, BesideCurves)  # fmt: skip
 SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
 
 

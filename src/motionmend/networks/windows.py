@@ -134,7 +134,15 @@ def _blend(windows: Array, starts: Array, begins: Array, shares: Sequence[Array]
 
 
 def complete(
-    predict: Predict, positions: Array, observed: Array, length: int, *, overlap: int, batch: int, most: int = 0
+    predict: Predict,
+    positions: Array,
+    observed: Array,
+    length: int,
+    *,
+    overlap: int,
+    batch: int,
+    most: int = 0,
+    longest: float = LONGEST,
 ) -> Array:
     """A take of any length, its unobserved samples predicted by a network that knows windows of `length` frames.
 
@@ -147,37 +155,44 @@ def complete(
     Parameters
     ----------
     predict : `(positions (B, T, J, 3) float32, observed (B, T, J)) -> (B, T, J, 3)`, T = `length`. Unobserved
-        samples are NaN. Frames beyond the end of a take shorter than a window are unobserved.
+        samples are NaN. Frames beyond the end of a take shorter than a window are unobserved. It may say more of a
+        sample than where it is, `(B, T, J, 3 + C)`: how far off it may be, say.
     positions, observed : `(frames, J, 3)` float32 and `(frames, J)` bool, at the network's rate.
     overlap : at most a quarter of `length`.
     batch : windows that are predicted at once.
     most : frames that `predict` also takes in one piece, where it takes any number; `length` if 0. Gaps that are too
         long for `length` are crossed at a lower rate all the same: that is what the network knows.
+    longest : share of `length` that a gap of the whole body may take at the full rate.
 
     Returns
     -------
-    `(frames, J, 3)` float32: observed samples bit for bit, all others predicted, also of joints never observed.
+    `(frames, J, 3 + C)` float32: observed samples bit for bit, all others predicted, also of joints never observed.
+    What more is said is 0 where observed; of samples between coarse ones it is the root of the sum of squares of both.
     """
     if not 0 <= overlap <= length // 4:
         raise ValueError(f"windows of {length} frames can fade over 0 to {length // 4} frames, not {overlap}")
     if observed.all():
         return positions.copy()
-    guide, known = _guided(predict, positions, observed, length, overlap, batch)
+    guide, known, coarse = _guided(predict, positions, observed, length, overlap, batch, longest)
     length = max(1, min(most, len(observed))) if most else length
     first, begins, shares = _plan(~observed, length, overlap)
-    windows = np.empty((len(first), length, *positions.shape[1:]), np.float32)
+    windows = []
     for some in range(0, len(first), batch):
         begin = first[some : some + batch]
         seen = cut(known, begin, length) & (begin[:, None] + np.arange(length) < len(observed))[..., None]
-        windows[some : some + batch] = predict(np.where(seen[..., None], cut(guide, begin, length), np.nan), seen)
-    out = np.where(observed[..., None], positions, _blend(windows, first, begins, shares, len(observed)))
+        windows.append(predict(np.where(seen[..., None], cut(guide, begin, length), np.nan), seen))
+    out = _blend(np.concatenate(windows, dtype=np.float32), first, begins, shares, len(observed))
+    more = out.shape[2] - positions.shape[2]
+    out = np.where(observed[..., None], np.pad(positions, ((0, 0), (0, 0), (0, more))), out).astype(np.float32)
     _bridge(out, observed, known & ~observed)
+    if coarse is not None:
+        out[..., 3:] = np.where(observed[..., None], 0, np.hypot(out[..., 3:], coarse))
     return out
 
 
-def too_long(observed: Array, length: int) -> list[tuple[int, int]]:
+def too_long(observed: Array, length: int, longest: float = LONGEST) -> list[tuple[int, int]]:
     """The gaps of the whole body, first frame and past the last, that `complete` crosses at a lower rate first."""
-    return [hole for hole in runs(_blind(observed)) if hole[1] - hole[0] > int(LONGEST * length) and length >= SHORTEST]
+    return [hole for hole in runs(_blind(observed)) if hole[1] - hole[0] > int(longest * length) and length >= SHORTEST]
 
 
 def _blind(observed: Array) -> Array:
@@ -240,15 +255,18 @@ def _plan(missing: Array, length: int, overlap: int) -> tuple[Array, Array, list
 
 
 def _guided(
-    predict: Predict, positions: Array, observed: Array, length: int, overlap: int, batch: int
-) -> tuple[Array, Array]:
+    predict: Predict, positions: Array, observed: Array, length: int, overlap: int, batch: int, share: float
+) -> tuple[Array, Array, Array | None]:
     """`positions` and `observed` with a frame known every now and then in gaps of the whole body longer than a window.
 
     They come from the gap and its surroundings at a lower rate, chosen so that both its ends are among the samples.
+    Third, what more `predict` said of them, `(frames, J, C)`; None where no gap is so long.
     """
     frames, ever = len(observed), observed.any(axis=0)
-    blind, longest, holes = _blind(observed), int(LONGEST * length), too_long(observed, length)
-    guide, known = (positions.copy(), observed.copy()) if holes else (positions, observed)
+    blind, longest, holes = _blind(observed), int(share * length), too_long(observed, length, share)
+    if not holes:
+        return positions, observed, None
+    guide, known, more = positions.copy(), observed.copy(), np.zeros((*observed.shape, 0), np.float32)
     for start, stop in holes:
         begin, end = max(start - 1, 0), min(stop, frames - 1)
         span, every, reach = end - begin, max(2, length // ROOM), length // 2
@@ -258,8 +276,11 @@ def _guided(
         frame, rest = np.divmod(begin * count + times * span, count)
         near = slice(max(0, frame[0] - 2), frame[-1] + 4)
         coarse, seen = between(positions[near], observed[near], frame - near.start, rest / count)
-        coarse = complete(predict, coarse, seen, length, overlap=overlap, batch=batch)
-        coarse = coarse[(times >= 0) & (times <= count)]
+        whole = complete(predict, coarse, seen, length, overlap=overlap, batch=batch, longest=share)
+        coarse, said = np.split(whole[(times >= 0) & (times <= count)], [3], axis=-1)
+        more = np.zeros((*observed.shape, said.shape[-1]), np.float32) if not more.size else more
+        nearest = ((np.arange(start, stop) - begin) * count + span // 2) // span
+        more[start:stop] = said[nearest]
         knots = np.linspace(begin, end, -(-span // every) + 1).round().astype(int)
         knots = knots[blind[knots]]
         step, rest = np.divmod((knots - begin) * count, span)
@@ -267,7 +288,7 @@ def _guided(
         added = ever & ~observed[knots]
         guide[knots] = np.where(added[..., None], values, positions[knots])
         known[knots] |= added
-    return guide, known
+    return guide, known, more
 
 
 def _bridge(out: Array, observed: Array, knots: Array) -> None:

@@ -21,6 +21,7 @@ Array = np.ndarray
 # network -> kind -> from so many seconds, and below so many, an installed network of this name did better than any fill
 # and any network before it here, if it saw so many joints of the body.
 NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
+    "mend": {},
     "xmae": {
         "body": (0.4, 1.2, 0),
         "limb": (0.4, 1.2, 12),
@@ -72,7 +73,7 @@ class Chooser(Auto):
     improve : by name, the installed networks' `NetworkFill.improve`, for gaps in NETWORK_WINS in takes of a person.
     """
 
-    improve: dict[str, Callable[[Array, Motion, Gaps], Array]] = field(default_factory=dict)
+    improve: dict[str, Callable[[Array, Motion, Gaps], tuple[Array, dict[int, float]]]] = field(default_factory=dict)
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Auto.fill_gaps`: the fills write first, and a network's word is added to what they wrote."""
@@ -85,11 +86,14 @@ class Chooser(Auto):
         for row in learned:
             chains[row] = ("bones", "eased")  # what a network's word is added to
         done = self.filled(out, motion, gaps, chains, reasons)
-        method, donors = done.method.copy(), dict(done.donors)
+        method, donors, expected = done.method.copy(), dict(done.donors), {}
         for name, improve in self.improve.items():
             rows = np.array([row for row, network in learned.items() if network == name], int)
-            improved = improve(out, motion, replace(gaps, method=method).pick(rows)) if len(rows) else rows
+            if not len(rows):
+                continue
+            improved, off = improve(out, motion, replace(gaps, method=method).pick(rows))
+            expected |= {int(rows[row]): error for row, error in off.items()}
             for row in rows[improved].tolist():
                 method[row], reasons[row] = name, network_reason(name, kinds[row], float(gaps.length[row] / motion.fps))
                 donors.pop(row, None)
-        return replace(done, method=method, donors=donors, reasons=reasons)
+        return replace(done, method=method, donors=donors, reasons=reasons, expected=expected)

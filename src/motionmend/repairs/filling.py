@@ -99,21 +99,24 @@ def _by_network(
     kinds, chosen = rig_kinds(take.rig, gaps), dict.fromkeys(range(len(gaps)), method)
     if method == "auto":
         chosen = network_rows(gaps, kinds, take.trusted, take.fps, mapping, networks)
-    method_of, reasons = gaps.method.copy(), dict(gaps.reasons)
+    method_of, reasons, expected = gaps.method.copy(), dict(gaps.reasons), dict(gaps.expected)
     for name in dict.fromkeys(chosen.values()):
         rows = np.array([row for row, other in chosen.items() if other == name])
         wanted = covered(gaps.pick(rows), take.trusted.shape)
-        filled, decided = networks[name].fill_take(take, filled, wanted)
+        filled, decided, off = networks[name].fill_take(take, filled, wanted)
         done = np.zeros(len(gaps), bool)
         for row in rows.tolist():
-            done[row] = decided[gaps.start[row] : gaps.stop[row], gaps.joint[row]].all()
+            here = slice(gaps.start[row], gaps.stop[row]), gaps.joint[row]
+            done[row] = decided[here].all()
+            if done[row] and np.isfinite(off[here]).all():
+                expected[row] = float(np.median(off[here]))
             if done[row] and method == "auto":
                 reasons[row] = network_reason(name, kinds[row], float(gaps.length[row] / take.fps))
         if method == name:
             reasons = {row: why for row, why in reasons.items() if not done[row]}
             reasons |= networks[name].reasons(gaps, done, take.fps, "no joint that the network knows hangs on it")
         method_of[done] = name
-    return filled, replace(gaps, method=method_of, reasons=reasons)
+    return filled, replace(gaps, method=method_of, reasons=reasons, expected=expected)
 
 
 def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence[feet.Leg]) -> Take:

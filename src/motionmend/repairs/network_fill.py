@@ -46,6 +46,19 @@ def absent(name: str) -> InputError:
     return InputError(f"no network named {name!r} is installed", hint=hint)
 
 
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A network's word on what a motion lacks, `(frames, joints, …)`, NaN where it has none.
+
+    values : positions, seams met. change : their difference from the curves that the network begins at; NaN everywhere
+    where it begins at none. expected : how far off it expects to be, metres; NaN everywhere where it does not say.
+    """
+
+    values: Array
+    change: Array
+    expected: Array
+
+
 @dataclass(frozen=True)
 class NetworkFill(Fill):
     """Fills the joints that the network knows, also at a take's edges and where they are never seen.
@@ -68,41 +81,44 @@ class NetworkFill(Fill):
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`. The whole motion is one question to the network, whichever gaps are asked for."""
         done = self.base.fill_gaps(out, motion, gaps)
-        improved = self.improve(out, motion, done)
+        improved, expected = self.improve(out, motion, done)
         method = np.where(improved, self.name, done.method)
         person = self._mapping(motion).is_person
         why = self.reasons(done, improved, motion.fps) if person else dict.fromkeys(range(len(gaps)), NOBODY)
         kept = {row: because for row, because in done.reasons.items() if not improved[row]}
-        return replace(done, method=method, reasons=kept | why)
+        return replace(done, method=method, reasons=kept | why, expected=expected)
 
     def reasons(self, gaps: Gaps, improved: Array, fps: float, unknown: str = UNKNOWN) -> dict[int, str]:
         """What the report says of a person's gaps, by row. improved : `(gaps,)` bool, those on which it has a word."""
         del gaps, fps
         return dict.fromkeys(np.flatnonzero(~improved).tolist(), unknown)
 
-    def improve(self, out: Array, motion: Motion, gaps: Gaps) -> Array:
+    def improve(self, out: Array, motion: Motion, gaps: Gaps) -> tuple[Array, dict[int, float]]:
         """Write the network's word into `out (frames, joints, 3)`, on top of what fills have written there.
 
-        Returns `(gaps,)` bool: the gaps on which it has a word. `Gaps.method` is "" where nothing was written yet.
+        Returns `(gaps,)` bool: the gaps on which it has a word; and `Gaps.expected` of those.
+        `Gaps.method` is "" where nothing was written yet.
         """
         # What it is not asked for, and fills have written, is as good as seen: thousands of dropouts need not all go
         # through the network.
         written = np.isfinite(out).all(axis=-1) & (out != motion.positions).any(axis=-1)
         seen = motion.observed | (written & ~covered(gaps, motion.observed.shape))
         told = seen | covered(gaps.pick(gaps.method != ""), seen.shape)
-        own, change = self.answer(_told(replace(motion, positions=out.astype(np.float32), observed=seen), told))
-        improved = np.zeros(len(gaps), bool)
+        answer = self.answer(_told(replace(motion, positions=out.astype(np.float32), observed=seen), told))
+        own, change = answer.values, answer.change
+        improved, expected = np.zeros(len(gaps), bool), {}
         for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
             here = slice(start, stop), joint
             improved[row] = np.isfinite(own[here]).all()
             if improved[row]:
                 added = gaps.method[row] and np.isfinite(change[here]).all()
                 out[here] = out[here] + change[here] if added else own[here]
-        return improved
+                if np.isfinite(answer.expected[here]).all():
+                    expected[row] = float(np.median(answer.expected[here]))
+        return improved, expected
 
-    def answer(self, motion: Motion) -> tuple[Array, Array]:
-        """Positions `(frames, joints, 3)` of what is not observed, seams met; and their difference from the curves that
-        the network begins at. NaN where it has no word, and all differences where it begins at none.
+    def answer(self, motion: Motion) -> Answer:
+        """What the network says of all that is not observed.
 
         motion : where it is not observed it holds what fills say, NaN where they say nothing.
         """
@@ -110,37 +126,46 @@ class NetworkFill(Fill):
         mapping = self._mapping(motion)
         nothing = np.full(motion.positions.shape, np.nan)
         if not mapping.is_person:
-            return nothing, nothing
-        whole, curves = (
-            each.complete(replace(motion, positions=points), mapping) if each else None
-            for each in (self.completer, self._curves())
+            return Answer(nothing, nothing, nothing[..., 0])
+        motion = replace(motion, positions=points)
+        said, curves = (
+            each.answered(motion, mapping) if each else None for each in (self.completer, self._curves())
         )
-        assert whole is not None
-        values = np.where((whole.observed & ~motion.observed)[..., None], whole.positions, np.nan)
-        change = values - curves.positions if curves else nothing
-        return meet_seams(values, points, motion.observed, motion.fps), change
+        assert said is not None
+        missing = ~motion.observed
+        own = np.where(missing[..., None], said[..., :3], np.nan)
+        if curves is None:
+            change = nothing
+        else:
+            # At the network's rate nothing is added where something is observed; at others a little is, just before a
+            # gap, and must not be missed there.
+            beyond = (said - curves)[..., :3]
+            beyond = meet_seams(beyond, np.zeros_like(beyond), motion.observed, motion.fps, own=True)
+            change = np.where(missing[..., None], beyond, np.nan)
+        expected = np.where(missing, said[..., 3], np.nan)
+        return Answer(meet_seams(own, points, motion.observed, motion.fps), change, expected)
 
     def _mapping(self, motion: Motion) -> Mapping:
         return self.mapping or map_rig(motion.skeleton, _told(motion, motion.observed).positions)
 
     def _curves(self) -> NetworkCompleter | None:
         """A network that answers nothing but the curves; None where this one does not begin at curves."""
-        if not self.completer.description.space.startswith("poses_"):
-            return None
-        zeros = lambda inputs: np.zeros((*inputs["curve"].shape[:3], 3), np.float32)  # noqa: E731
-        return NetworkCompleter(self.completer.description, zeros)
+        nothing = getattr(self.completer.space, "nothing", None)
+        return NetworkCompleter(self.completer.description, nothing) if nothing else None
 
-    def fill_take(self, before: Take, filled: Take, wanted: Array) -> tuple[Take, Array]:
+    def fill_take(self, before: Take, filled: Take, wanted: Array) -> tuple[Take, Array, Array]:
         """`filled`, whose rig other fills have completed, posed where `before` has gaps as the network would have it.
 
         wanted : `(frames, joints)` bool, the channels that it may decide.
 
         What it has no word on stays as it is in `filled`: twist about a bone, fingers, the face. Also returned:
-        `(frames, joints)` bool, the channels that it decided.
+        `(frames, joints)` bool, the channels that it decided, and how far off it expects what hangs on them to be,
+        metres, NaN where it does not say.
         """
         assert before.rig is not None and filled.rig is not None
         seen = replace(filled.rig, trusted=before.rig.trusted | (filled.rig.trusted & ~wanted)).observed()
-        own, change = self.answer(replace(_told(filled.motion, filled.motion.observed), observed=seen))
+        answer = self.answer(replace(_told(filled.motion, filled.motion.observed), observed=seen))
+        own, change = answer.values, answer.change
         improved = (filled.motion.observed & ~seen)[..., None] & np.isfinite(change)
         targets = np.where(improved, filled.motion.positions + change, own)
         there = np.asarray(np.isfinite(targets).all(axis=-1))
@@ -148,14 +173,18 @@ class NetworkFill(Fill):
         for joint, parent in enumerate(before.skeleton.parents):
             if parent >= 0:
                 decides[:, parent] |= there[:, joint]
+        expected = np.where(np.array(before.skeleton.parents) < 0, answer.expected, np.nan)
+        for joint, parent in enumerate(before.skeleton.parents):
+            if parent >= 0:
+                expected[:, parent] = np.fmax(expected[:, parent], answer.expected[:, joint])
         where = decides & wanted & ~before.rig.trusted
         if not where.any():
-            return filled, where
+            return filled, where, expected
         posed = fit(filled, targets, where)
         assert posed.rig is not None
         # Differences die away at the seams by themselves; what fills had left open has yet to meet them.
         rig = meet_rig_seams(posed.rig, replace(posed.rig, trusted=filled.rig.trusted), before.fps)
-        return filled.with_rig(replace(rig, trusted=filled.rig.trusted | where)), where
+        return filled.with_rig(replace(rig, trusted=filled.rig.trusted | where)), where, expected
 
 
 def _told(motion: Motion, where: Array) -> Motion:

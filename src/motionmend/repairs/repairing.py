@@ -53,7 +53,7 @@ def repair(
         channels these are the joints' own channels; what hangs on them moves with them.
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
-    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "xmae" or "convae" (networks),
+    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "mend", "xmae" or "convae" (networks),
         "trajevae" (one plausible way of many), or "auto".
     donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
@@ -171,7 +171,7 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
         return []  # most takes leave nothing, and telling the kinds of many gaps takes time
     kinds = rig_kinds(take.rig, gaps) if take.rig else point_kinds(take.motion, gaps)
     names = take.skeleton.names
-    together: dict[tuple[int, int, str, str, tuple[str, ...]], list[str]] = {}
+    together: dict[tuple[int, int, str, str, tuple[str, ...]], list[int]] = {}
     for row, kind in enumerate(kinds):
         joint, first = int(gaps.joint[row]), int(gaps.start[row])
         inside = np.flatnonzero(wanted[first : gaps.stop[row], joint])
@@ -181,11 +181,14 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
         method = "" if because else str(gaps.method[row])
         why = because or _why(gaps, row, method, asked, KINDS[kind])
         donors = tuple(names[donor] for donor in gaps.donors.get(row, ())) if method else ()
-        together.setdefault((start, stop, method, why, donors), []).append(names[joint])
-    return [
-        Filled(tuple(joints), start, stop, (stop - start) / take.fps, method, why, donors)
-        for (start, stop, method, why, donors), joints in sorted(together.items())
-    ]
+        together.setdefault((start, stop, method, why, donors), []).append(row)
+    found = []
+    for (start, stop, method, why, donors), rows in sorted(together.items()):
+        joints = tuple(names[joint] for joint in gaps.joint[rows])
+        off = [1000 * gaps.expected[row] for row in rows if method and row in gaps.expected]
+        expected = float(np.median(off)) if off else None
+        found.append(Filled(joints, start, stop, (stop - start) / take.fps, method, why, donors, expected))
+    return found
 
 
 def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:

@@ -29,6 +29,7 @@ class Filled:
     method: str
     why: str
     donors: tuple[str, ...] = ()  # the joints or markers that carried it
+    expected: float | None = None  # mm, the median error that the method expects over these joints
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,11 @@ class Report:
         if self.findings:
             lines += ["", "found", findings_table(self.findings)]
         if self.fills:
-            rows = [(*_where(fill), fill.method, fill.why) for fill in _longest(self.fills)]
-            lines += ["", "repaired", table(("frames", "length", "joints", "method", "why"), rows)]
+            rows = [(*_where(fill), fill.method, _off(fill), fill.why) for fill in _longest(self.fills)]
+            head = ("frames", "length", "joints", "method", "expected", "why")
+            if not any(fill.expected for fill in self.fills):
+                rows, head = [(*row[:4], row[5]) for row in rows], (*head[:4], head[5])
+            lines += ["", "repaired", table(head, rows)]
             lines += _shorter(self.fills)
         if self.left:
             rows = [(*_where(fill), fill.why) for fill in _longest(self.left)]
@@ -193,6 +197,11 @@ def findings_table(findings: Sequence[dict[str, Any]]) -> str:
     if len(findings) > MOST:
         lines.append(f"  … and {len(findings) - MOST} less certain or shorter (all of them in the JSON)")
     return "\n".join(lines)
+
+
+def _off(fill: Filled) -> str:
+    """The error that the method expects; nothing where it does not say."""
+    return "" if fill.expected is None else f"{fill.expected:.0f} mm"
 
 
 def _longest(fills: Sequence[Filled]) -> list[Filled]:

@@ -23,7 +23,7 @@ from ..motion import Motion, runs
 from ..networks.generative import GenerativeCompleter
 from ..networks.loading import load_completer
 from ..rigs.fitting import scatter
-from .network_fill import UNKNOWN, NetworkFill, absent
+from .network_fill import UNKNOWN, Answer, NetworkFill, absent
 
 Array = np.ndarray
 
@@ -82,12 +82,12 @@ class VariedFill(NetworkFill):
         why = np.where(gaps.length < SHORTEST * fps, "too short to go another way", why)
         return {row: str(why[row]) for row in np.flatnonzero(~improved).tolist()}
 
-    def improve(self, out: Array, motion: Motion, gaps: Gaps) -> Array:
+    def improve(self, out: Array, motion: Motion, gaps: Gaps) -> tuple[Array, dict[int, float]]:
         """See `NetworkFill.improve`. Points that are none of the network's joints go along with the nearest that is."""
         before = out.copy()
-        improved = super().improve(out, motion, gaps)
+        improved, expected = super().improve(out, motion, gaps)
         if improved.all() or not improved.any():
-            return improved
+            return improved, expected
         moved, nearest = np.nan_to_num(out - before), self._nearest(motion)
         for row in np.flatnonzero(~improved & (gaps.method != "")):
             joint, start, stop = gaps.joint[row], gaps.start[row], gaps.stop[row]
@@ -96,7 +96,7 @@ class VariedFill(NetworkFill):
             if motion.observed[seams, nearest[joint]].all() and np.any(moved[start:stop, nearest[joint]]):
                 out[start:stop, joint] += moved[start:stop, nearest[joint]]
                 improved[row] = True
-        return improved
+        return improved, expected
 
     def _nearest(self, motion: Motion) -> Array:
         """For each joint of a motion `(joints,)` which of the network's is nearest to it, by the motion's numbering."""
@@ -106,7 +106,7 @@ class VariedFill(NetworkFill):
         apart = np.linalg.norm(seen[:, :, None] - seen[:, None, joints], axis=-1)
         return joints[np.where(np.isfinite(apart), apart, FAR).mean(axis=0).argmin(axis=1)]
 
-    def answer(self, motion: Motion) -> tuple[Array, Array]:
+    def answer(self, motion: Motion) -> Answer:
         """See `NetworkFill.answer`: the variant, and how it differs from what the base says, nothing at the seams."""
         mapping = self._mapping(motion)
         body = to_body(motion, mapping)
@@ -122,7 +122,7 @@ class VariedFill(NetworkFill):
                 way = _from_pose(moved, told, ever, 0, len(body))
                 values[0, never], values[1:, never] = way.positions[0, never], self._sampled(way, 0)[:, never]
         values, change = (scatter(each, mapping.joints, len(motion.skeleton)) for each in (values, change))
-        return values, change
+        return Answer(values, change, np.full(motion.observed.shape, np.nan))
 
     def _apart(self, body: Motion, told: Array, ever: Array) -> Array:
         """How the sample differs from the best guess where the base fills gaps, `(frames, J, 3)` metres; NaN elsewhere.

@@ -20,25 +20,30 @@ from ..errors import InputError
 from ..networks.models import network_class
 from ..networks.models.network import Network
 from .config import Settings
+from .moments import Moments
 
 Array = np.ndarray
+BLOCKS = 8  # processes that may share a batch, at most; the more, the longer small networks wait for their samples
 
 
 class Batches:
     """Training batches as a pure function of seed and step.
 
-    A batch is cut into gcd(batch, 64) blocks. Each block draws its windows and their corruption from its own
+    A batch is cut into gcd(batch, BLOCKS) blocks. Each block draws its windows and their corruption from its own
     generator, seeded by (seed, step, block), so N processes that share the blocks see exactly the samples
     that one process would see, and a resumed run those that it had not come to.
     """
 
-    def __init__(self, network: Network, corpora: Sequence[Corpus], *, batch: int, stride: int, seed: int):
-        """Windows of the corpora's split "train".
+    def __init__(
+        self, network: Network, corpora: Sequence[Corpus], *, batch: int, stride: int, seed: int,
+        anywhere: bool = False,
+    ):  # fmt: skip
+        """Windows of the corpora's split "train"; from `moments.Moments` if `anywhere`.
 
         InputError where a corpus has no such windows, or has another rate or other joints than it should.
         """
         self.network, self.corpora, self.seed = network, corpora, seed
-        self.blocks = math.gcd(batch, 64)
+        self.blocks = math.gcd(batch, BLOCKS)
         self.rows = batch // self.blocks
         for corpus in corpora:
             if corpus.fps != network.fps:
@@ -53,13 +58,26 @@ class Batches:
                 raise InputError('no clip is in the split "train"', where=corpus.path)
         hours = np.array([sum(clip.frames for clip in corpus.in_split("train")) for corpus in corpora], float)
         self.shares = hours / hours.sum()
+        self.moments = Moments(corpora, network.frames) if anywhere else None
+
+    @classmethod
+    def of(cls, settings: Settings, network: Network, corpora: Sequence[Corpus]) -> Batches:
+        """As the settings of a run have it."""
+        return cls(
+            network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed,
+            anywhere=settings.anywhere,
+        )  # fmt: skip
 
     def make(self, step: int, first: int = 0, last: int | None = None) -> dict[str, Array]:
         """Blocks `[first, last)` of a step's batch, one after the other: named arrays of rows."""
         last = self.blocks if last is None else last
         chances = [np.random.default_rng([self.seed, step, block]) for block in range(first, last)]
-        uniform = np.concatenate([rng.random((2, self.rows)) for rng in chances], axis=1)
-        positions, observed = self.windows(*self.choose(uniform))
+        if self.moments:
+            uniform = np.concatenate([rng.random((4, self.rows)) for rng in chances], axis=1)
+            positions, observed = self.moments.drawn(uniform)
+        else:
+            uniform = np.concatenate([rng.random((2, self.rows)) for rng in chances], axis=1)
+            positions, observed = self.windows(*self.choose(uniform))
         made = []
         for number, rng in enumerate(chances):
             rows = slice(number * self.rows, (number + 1) * self.rows)
@@ -126,7 +144,7 @@ def _begin(settings: Settings, joints: int, corpora: Sequence[Corpus]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     network = network_class(settings.name)(settings.network, joints)
-    _batches = Batches(network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed)
+    _batches = Batches.of(settings, network, corpora)
 
 
 def _end_with_parent() -> None:

@@ -25,14 +25,17 @@ class Settings:
     """Training steps in all."""
     batch: int = 128
     """Windows a step, over all processes."""
+    optimiser: Literal["adamw", "muon"] = "adamw"
+    """muon turns the steps of the matrices in a network's `blocks` so that no direction is learned sooner than others,
+    and leaves the rest to AdamW."""
     lr: float = 3e-4
-    """Peak learning rate of Adam."""
+    """Peak learning rate."""
     betas: tuple[float, float] = (0.9, 0.999)
     """Adam's decay rates."""
     weight_decay: float = 0.0
     """Decoupled weight decay (AdamW)."""
     warmup: float = 0.02
-    """Share of the steps in which the learning rate climbs linearly to its peak."""
+    """Share of the steps in which the learning rate climbs linearly to its peak; from 1 on, the steps themselves."""
     schedule: Literal["cosine", "constant", "step", "trapezoid"] = "cosine"
     """After the warm-up: down to zero along half a cosine, constant, a quarter every --step-every steps, or constant
     and straight to zero in the last fifth, so that a run can be made longer until then."""
@@ -50,6 +53,9 @@ class Settings:
     """Seed of weights, samples and dropout."""
     stride: int = 1
     """Frames between the first frames of training windows."""
+    anywhere: bool = False
+    """Training windows begin anywhere, between frames too, at 0.8 to 1.25 of their pace in a third of all draws, and
+    reach beyond takes now and then; no take counts for more than a minute of it."""
     workers: int = 0
     """Processes that make the samples, where one thread beside the network is too slow (see the waiting it tells)."""
     validate_every: int = 1000
@@ -79,7 +85,7 @@ RATES = {"steps", "lr", "warmup", "schedule", "step_every"}
 
 def rate(settings: Settings, step: int) -> float:
     """The learning rate of a step, counted from 0."""
-    climb = round(settings.warmup * settings.steps)
+    climb = round(settings.warmup if settings.warmup >= 1 else settings.warmup * settings.steps)
     if step < climb:
         return settings.lr * (step + 1) / climb
     if settings.schedule == "cosine":
@@ -195,13 +201,12 @@ def check(settings: Settings) -> None:
     """InputError where a number cannot be meant."""
     least = {"steps": 1, "batch": 1, "stride": 1, "step_every": 1, "log_every": 1, "validation_windows": 1, "seed": 0,
              "validate_every": 0, "checkpoint_every": 0, "checkpoint_minutes": 0, "keep": 0, "clip": 0, "workers": 0,
-             "weight_decay": 0}  # fmt: skip
+             "weight_decay": 0, "warmup": 0}  # fmt: skip
     for key, low in least.items():
         if not getattr(settings, key) >= low:
             raise InputError(f"{key} is {getattr(settings, key):g}", expected=f"at least {low}")
-    for key in ("warmup", "ema"):
-        if not 0 <= getattr(settings, key) < 1:
-            raise InputError(f"{key} is {getattr(settings, key):g}", expected="from 0 to below 1")
+    if not 0 <= settings.ema < 1:
+        raise InputError(f"ema is {settings.ema:g}", expected="from 0 to below 1")
     if not 0 < settings.lr < math.inf:
         raise InputError(f"lr is {settings.lr:g}", expected="above 0")
     if not all(0 <= beta < 1 for beta in settings.betas):

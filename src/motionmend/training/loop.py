@@ -25,6 +25,7 @@ from .batches import Ahead, Batches, Workers, share
 from .config import Settings, rate
 from .ending import Export, budget, exported
 from .logs import Journal, listed
+from .optimisers import Optimiser, optimiser_of, set_rate
 from .validation import Validate, classical_scores, described, judge, scores_of
 
 
@@ -92,15 +93,12 @@ def train(
     network = kind(settings.network, len(corpora[0].skeleton)).to(device)
     if not (resume and (folder / "last.safetensors").is_file()):
         runs.begin(network, settings, corpora)
-    batches = Batches(network, corpora, batch=settings.batch, stride=settings.stride, seed=settings.seed)
+    batches = Batches.of(settings, network, corpora)
     for corpus in corpora:
         judge(network, corpus)  # an unknown protocol is an error before a folder is made
     mine = share(batches.blocks, accelerator.process_index, accelerator.num_processes)
     settings = runs.together(accelerator, lambda: runs.prepare(settings, folder, resume, corpora, device))
-    optimiser = torch.optim.AdamW(
-        network.parameters(), lr=settings.lr, betas=settings.betas, weight_decay=settings.weight_decay,
-        fused=device.type == "cuda",
-    )  # fmt: skip
+    optimiser = optimiser_of(network, settings, device)
     average = state.Average(network, settings.ema)
     progress, last = Progress(), folder / "last.safetensors"
     if resume and last.is_file():
@@ -147,7 +145,7 @@ class Run:
     accelerator: Accelerator
     network: Network
     objective: nn.Module
-    optimiser: torch.optim.Optimizer
+    optimiser: Optimiser
     average: state.Average
     progress: Progress
     validate: Validate
@@ -159,9 +157,14 @@ class Run:
         return self.accelerator.is_main_process
 
     @property
+    def judges(self) -> list[Corpus]:
+        """What validation looks at: all corpora that have a split for it."""
+        return [each for each in self.corpora if each.in_split("validation")]
+
+    @property
     def held_out(self) -> Corpus | None:
-        """What validation looks at: the first corpus that has a split for it."""
-        return next((each for each in self.corpora if each.in_split("validation")), None)
+        """The first of them, by which the best weights are chosen."""
+        return next(iter(self.judges), None)
 
     @cached_property
     def classical(self) -> tuple[str, dict[str, float]]:
@@ -179,8 +182,7 @@ class Run:
             self.greet()
         self.network.train()
         for step in range(progress.done, settings.steps):
-            for group in self.optimiser.param_groups:
-                group["lr"] = rate(settings, step)
+            set_rate(self.optimiser, rate(settings, step))
             torch.manual_seed(seed_of(settings.seed, step, self.accelerator.process_index))
             batch = {name: each.to(self.accelerator.device, non_blocking=True) for name, each in ahead.next().items()}
             losses = self.objective(batch, step)
@@ -238,7 +240,12 @@ class Run:
             return
         done = self.progress.done
         picture = self.folder / "samples" / f"{done:09d}.png"
-        scores = self.validate(self.averaged(), self.held_out, self.settings, picture)
+        averaged = self.averaged()
+        scores = self.validate(averaged, self.held_out, self.settings, picture)
+        for other in self.judges[1:]:
+            beside = picture.with_stem(f"{picture.stem}-{other.name}")
+            found = self.validate(averaged, other, self.settings, beside)
+            scores |= {f"{other.name}: {name}": value for name, value in found.items()}
         who, theirs = self.classical
         if done == self.settings.validate_every and theirs:
             journal.say(f"for comparison, {who}: {listed(theirs)}")
@@ -291,7 +298,7 @@ class Run:
         corpus, device = self.held_out, self.accelerator.device
         self.tell(
             f"{self.settings.name}: {size:,} parameters on {runs.machine(device)}, "
-            f"{f'{many} processes, ' if many > 1 else ''}{runs.arithmetic(self.settings.precision, device)}; "
+            f"{f'{many} processes, ' if many > 1 else ''}{self.settings.precision}; "
             f"{data}{went}; "
             + (f"validation by {judge(self.network, corpus)} on {corpus.name}" if corpus else "nothing to validate on")
         )

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..networks.checkpoints import load_network
 from ..networks.models import network_class
 from ..networks.models.network import Network
-from . import config, state
+from . import arithmetic, config, state
 from .config import Settings
 
 MEASURED = 512  # windows by which a network learns how its data are spread
@@ -50,7 +50,7 @@ def prepare(settings: Settings, folder: Path, resume: bool, corpora: list[Corpus
         hint = "go on with it by --resume, or choose another folder" if path.is_file() else "choose another"
         raise InputError("a run is there already" if path.is_file() else "this is not a run", where=folder, hint=hint)
     else:
-        settings = config.resolved(settings, "bf16" if bf16_pays(device) else "fp32")
+        settings = config.resolved(settings, arithmetic.faster(device))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with state.aside(path) as part:
@@ -103,20 +103,6 @@ def together(accelerator: Accelerator, work: Callable[[], Settings]) -> Settings
 
 def data_of(corpora: list[Corpus]) -> list[str]:
     return [f"{corpus.name} {corpus.sha256}" for corpus in corpora]
-
-
-def bf16_pays(device: torch.device) -> bool:
-    """Whether the machine multiplies bf16 matrices in hardware; emulated, they are slower than fp32."""
-    if device.type == "cuda":
-        return torch.cuda.get_device_capability(device) >= (8, 0)
-    return bool(getattr(torch.cpu, "get_capabilities", dict)().get("amx_bf16", False))
-
-
-def arithmetic(precision: str, device: torch.device) -> str:
-    """The precision, and what it has to do with the machine."""
-    if bf16_pays(device):
-        return precision
-    return f"{precision} (the machine emulates it: slow)" if precision == "bf16" else f"{precision} (no fast bf16 here)"
 
 
 def machine(device: torch.device) -> str:

@@ -14,6 +14,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ..errors import InputError
+from .optimisers import Optimiser
 
 
 class Average:
@@ -38,7 +39,7 @@ class Average:
                 self.values[name].copy_(value)
 
 
-def gather(network: nn.Module, optimiser: torch.optim.Optimizer, average: Average) -> dict[str, Tensor]:
+def gather(network: nn.Module, optimiser: Optimiser, average: Average) -> dict[str, Tensor]:
     """Every tensor of a run by name: `network.…`, `ema.…`, `adam.MOMENT.…`."""
     tensors = {f"network.{name}": value for name, value in network.state_dict().items()}
     tensors |= {f"ema.{name}": value for name, value in average.values.items()}
@@ -47,7 +48,7 @@ def gather(network: nn.Module, optimiser: torch.optim.Optimizer, average: Averag
     return tensors
 
 
-def spread(tensors: Mapping[str, Tensor], network: nn.Module, optimiser: torch.optim.Optimizer, average: Average):
+def spread(tensors: Mapping[str, Tensor], network: nn.Module, optimiser: Optimiser, average: Average):
     """Put what `gather` collected back where it was."""
 
     def part(prefix: str) -> dict[str, Tensor]:

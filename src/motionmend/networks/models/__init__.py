@@ -17,6 +17,7 @@ NETWORKS: dict[str, str] = {
     "holden": ".holden:Holden",
     "trajevae": ".trajevae:TrajeVAE",
     "infilling": ".infilling:Infilling",
+    "mend": ".mend:Mend",
     "cvae-rnn": ".cvae_rnn:CVAERNN",
 }
 

@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from torch import Tensor, nn
 
+from ..windows import LONGEST
+
 Array = np.ndarray
 
 
@@ -35,6 +37,8 @@ class Network(nn.Module):
     noise_size: int = 0
     any_length: ClassVar[bool] = False
     """Whether `forward` takes windows of other lengths than T too; the exported graph does then."""
+    longest: ClassVar[float] = LONGEST
+    """Share of a window that a gap of the whole body may take; longer ones are crossed coarsely first."""
     Config: ClassVar[type]
     """A frozen dataclass with defaults: sizes, and options of its augmentation and corruption."""
     axes: ClassVar[dict[str, dict[int, str]]] = {}
