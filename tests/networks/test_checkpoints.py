@@ -94,7 +94,7 @@ def test_a_folder_of_runs_can_be_searched_by_the_names_of_the_runs(shelf, export
 
 
 def test_what_is_no_checkpoint_is_named(shelf, monkeypatch):
-    there = "convae, runner, sleeper, trajevae, walker, xmae, xmae-denoise"
+    there = "convae, mend, runner, sleeper, trajevae, walker, xmae, xmae-denoise"
     listed = rf"no network or checkpoint is named 'walkr'.*Installed: {there}; did you mean walker"
     with pytest.raises(InputError, match=listed):
         checkpoints.find("walkr")

@@ -282,10 +282,10 @@ def test_the_network_that_ships_is_found_and_better_than_the_fills_where_auto_ta
     """On a walk it has seen in training: whether it is there and put in the right place, not how good it is."""
     motion = walk(60.0)
     broken = gap_of(motion, LIMBS["right_leg"], 40, 80)
-    network = network_fill.required("xmae")
-    with_it, gaps = Chooser(improve={"xmae": network.improve}).fill(broken)
+    network = network_fill.required("mend")
+    with_it, gaps = Chooser(improve={"mend": network.improve}).fill(broken)
     without = Auto().complete(broken)
-    assert set(gaps.method) == {"xmae"}
+    assert set(gaps.method) == {"mend"}
     ours, theirs = (np.linalg.norm(each.positions - motion.positions, axis=-1)[~broken.observed].mean()
                     for each in (with_it, without))  # fmt: skip
     assert ours < 0.9 * theirs
@@ -294,4 +294,4 @@ def test_the_network_that_ships_is_found_and_better_than_the_fills_where_auto_ta
 @pytest.mark.parametrize("kind", sorted(NETWORK_WINS["convae"]))
 def test_one_network_takes_over_where_the_other_ends(kind):
     asked = [network_for(kind, seconds, len(BODY), NETWORK_WINS) for seconds in np.arange(0.4, 6.0, 0.1)]
-    assert "" not in asked and asked == sorted(asked, reverse=True)  # xmae, …, convae, …
+    assert "" not in asked and asked == sorted(asked, reverse=True)  # mend, …, convae, …

@@ -21,22 +21,17 @@ Array = np.ndarray
 # network -> kind -> from so many seconds, and below so many, an installed network of this name did better than any fill
 # and any network before it here, if it saw so many joints of the body.
 NETWORK_WINS: dict[str, dict[str, tuple[float, float, int]]] = {
-    "mend": {},
-    "xmae": {
-        "body": (0.4, 1.2, 0),
-        "limb": (0.4, 1.2, 12),
-        "lower limb": (0.4, 1.6, 12),
-        "extremity": (0.4, 2.5, 12),
-        "all points": (0.4, 1.2, 0),
-        "leg joints": (0.4, 4.0, 12),
-        "joints": (0.4, 2.5, 12),
+    "mend": {
+        "body": (0.25, 6.0, 0),
+        "limb": (0.25, 2.5, 12),
+        "lower limb": (0.25, 1.1, 12),
+        "extremity": (0.25, 4.0, 12),
+        "all points": (0.25, 6.0, 0),
+        "leg joints": (0.15, 4.0, 12),
+        "joints": (0.4, 4.0, 12),
     },
-    "convae": {
-        "body": (1.2, 6.0, 0),
-        "limb": (1.2, 6.0, 12),
-        "all points": (1.2, 6.0, 0),
-        "joints": (2.5, 6.0, 12),
-    },
+    "xmae": {"lower limb": (1.1, 1.6, 12)},
+    "convae": {"limb": (2.5, 6.0, 12), "joints": (4.0, 6.0, 12)},
 }
 
 

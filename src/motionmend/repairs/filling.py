@@ -108,6 +108,8 @@ def _by_network(
         for row in rows.tolist():
             here = slice(gaps.start[row], gaps.stop[row]), gaps.joint[row]
             done[row] = decided[here].all()
+            if done[row]:
+                expected.pop(row, None)  # another's word
             if done[row] and np.isfinite(off[here]).all():
                 expected[row] = float(np.median(off[here]))
             if done[row] and method == "auto":

@@ -86,7 +86,8 @@ class NetworkFill(Fill):
         person = self._mapping(motion).is_person
         why = self.reasons(done, improved, motion.fps) if person else dict.fromkeys(range(len(gaps)), NOBODY)
         kept = {row: because for row, because in done.reasons.items() if not improved[row]}
-        return replace(done, method=method, reasons=kept | why, expected=expected)
+        others = {row: off for row, off in done.expected.items() if not improved[row]}
+        return replace(done, method=method, reasons=kept | why, expected=others | expected)
 
     def reasons(self, gaps: Gaps, improved: Array, fps: float, unknown: str = UNKNOWN) -> dict[int, str]:
         """What the report says of a person's gaps, by row. improved : `(gaps,)` bool, those on which it has a word."""
