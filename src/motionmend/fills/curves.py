@@ -19,6 +19,7 @@ Array = np.ndarray
 VELOCITY_SECONDS = 0.075  # how far from the seam the end velocity is measured
 VELOCITY_DEGREE = 2  # of the polynomial through the seam that measures it
 CARRY_SECONDS = 0.75  # for so long a velocity says something about where a joint goes
+RAMP_SECONDS = 0.2  # and what a model misses at a seam goes on for so long
 SPLINE_SAMPLES = 6  # on each side
 SETTLE_SECONDS = 0.1  # time constant with which a motion without a far end comes to rest
 
@@ -78,16 +79,16 @@ def _linear(length: int, times: Array, fps: float) -> Array:
     return np.outer(1 - u, times == 0) + np.outer(u, times == length + 1)
 
 
-def _hermite(length: int, times: Array, fps: float, eased: bool = False) -> Array:
+def _hermite(length: int, times: Array, fps: float, carry: float = np.inf) -> Array:
     """Cubic Hermite: the seams' values, and velocities from a few frames on each side.
 
     p = h00 p0 + h10 T v0 + h01 p1 + h11 T v1, the textbook basis on u = t/T. A seam that stands alone has the
-    velocity of the straight line. `eased` trusts velocities less: see `_eased`.
+    velocity of the straight line. `carry`, seconds, trusts velocities less: see `_eased`.
     """
     reach, span = velocity_frames(fps), length + 1
     u = np.arange(1, length + 1) / span
     start, stop = (times == 0).astype(float), (times == span).astype(float)
-    trust, ends = min(1.0, CARRY_SECONDS * fps / span) if eased else 1.0, []
+    eased, trust, ends = np.isfinite(carry), min(1.0, carry * fps / span), []
     for seam, near in ((0, (times <= 0) & (times > -reach)), (span, (times >= span) & (times < span + reach))):
         weights = np.zeros(len(times))
         weights[near] = velocity(times[near], seam, 1 if eased and near.sum() < reach else VELOCITY_DEGREE)
@@ -104,7 +105,12 @@ def _eased(length: int, times: Array, fps: float) -> Array:
     of the straight line's. Where fewer samples are left at a seam than `velocity_frames`, a straight line measures its
     velocity: a parabola through so few is mostly noise. Both were found on CMU's training takes.
     """
-    return _hermite(length, times, fps, eased=True)
+    return _hermite(length, times, fps, CARRY_SECONDS)
+
+
+def _ramp(length: int, times: Array, fps: float) -> Array:
+    """`eased`, with RAMP_SECONDS: through a long gap nearly a straight line, for what a model of the marker misses."""
+    return _hermite(length, times, fps, RAMP_SECONDS)
 
 
 def _cubic(length: int, times: Array, fps: float) -> Array:
@@ -135,6 +141,7 @@ CURVES = {
         Curve("linear", _linear, velocity_frames),
         Curve("hermite", _hermite, velocity_frames),
         Curve("eased", _eased, velocity_frames),
+        Curve("ramp", _ramp, velocity_frames),
         Curve("cubic", _cubic, lambda fps: max(SPLINE_SAMPLES, velocity_frames(fps))),
     )
 }

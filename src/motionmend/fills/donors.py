@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..motion import Motion
+from .curves import CURVES
 
 Array = np.ndarray
 
@@ -38,6 +39,11 @@ class Chart:
     frames: Array
     samples: Array
     outward: Callable[[Array], Array]
+
+    def path(self, start: int, stop: int, fps: float, curve: str) -> Array:
+        """Positions `(gap frames, 3)` in `[start, stop)`: the curve of this name through the samples, taken outward."""
+        weights = CURVES[curve].across(stop - start, self.frames - (start - 1), fps)
+        return self.outward(weights @ self.samples)
 
 
 def near(observed: Array, start: int, stop: int, reach: int) -> Array:
@@ -129,9 +135,9 @@ def rigid_chart(
     if breadth < max(FLAT_METRES, FLAT_SHARE * lever):
         return None
     frames = frames[np.all(motion.observed[frames][:, chosen], axis=1)]
-    turn, centre = _pose(shape, positions[frames][:, chosen].astype(np.float64))
+    turn, centre = pose(shape, positions[frames][:, chosen].astype(np.float64))
     samples = np.einsum("fji,fj->fi", turn, positions[frames, joint] - centre)
-    gap_turn, gap_centre = _pose(shape, positions[start:stop, chosen].astype(np.float64))
+    gap_turn, gap_centre = pose(shape, positions[start:stop, chosen].astype(np.float64))
 
     def outward(inside: Array) -> Array:
         return np.einsum("fij,fj->fi", gap_turn, inside) + gap_centre
@@ -142,13 +148,18 @@ def rigid_chart(
 def _shape(points: Array) -> Array:
     """The mean shape `(donors, 3)`, about its centre, of `(frames, donors, 3)`; oriented as in the first."""
     centred = points - points.mean(axis=1, keepdims=True)
-    turn, _ = _pose(centred[0], centred)
+    turn, _ = pose(centred[0], centred)
     return np.einsum("fji,fdj->fdi", turn, centred).mean(axis=0)
 
 
-def _pose(shape: Array, points: Array) -> tuple[Array, Array]:
-    """Rotations `(frames, 3, 3)` and centres `(frames, 3)` that carry a centred `shape` onto `points`."""
-    centre = points.mean(axis=1)
-    u, _, vt = np.linalg.svd(np.einsum("fdi,dj->fij", points - centre[:, None], shape))
+def pose(shape: Array, points: Array, weights: Array | None = None) -> tuple[Array, Array]:
+    """Rotations `(frames, 3, 3)` and centres `(frames, 3)` that carry a centred `shape` onto `points`.
+
+    weights : `(donors,)` of the points, which sum to 1; all alike if None.
+    """
+    if weights is None:
+        weights = np.full(len(shape), 1 / len(shape))
+    centre = weights @ points
+    u, _, vt = np.linalg.svd(np.swapaxes(points - centre[:, None], 1, 2) @ (weights[:, None] * shape))
     u[..., 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return u @ vt, centre

@@ -4,7 +4,8 @@ Every fill is a `Completer`, kept in `FILLS` under its name. They compute in flo
 only, and change nothing that is observed. A joint that is never observed stays so. A gap at the take's edge
 has no far end: if it is at most EDGE_SECONDS long it is extrapolated by `curves.settle` (the velocity dies
 away), and otherwise left unobserved; `Gaps.is_edge` says which gaps these are. Three donors of one body know how
-it went on, so with them edges of any length are filled.
+it went on, so with them edges of any length are filled. `local`, `regression`, `pca` and `average` are the
+published fills for markers, which learn from the whole take.
 """
 
 from __future__ import annotations
@@ -16,12 +17,18 @@ import numpy as np
 
 from ..gaps import Gaps, covered, groups
 from ..motion import Motion
+from .average import average_chart
 from .curves import CURVES
 from .donors import Chart, bone_chart, near, pattern_chart, rigid_chart
+from .lessons import LEAST
+from .local import local_chart
+from .pca import pca_chart
+from .regression import regression_chart
 
 Array = np.ndarray
 
 EDGE_SECONDS = 1.0
+BORDER_SECONDS = 0.03  # on each side of where a gap's donors change
 DAY = 86_400.0  # seconds, longer than any take
 
 
@@ -95,9 +102,8 @@ class DonorFill(Fill):
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         method, donors = gaps.method.copy(), {}
         for row, chart in self.charts(motion, gaps):
-            start, stop, joint = gaps.start[row], gaps.stop[row], gaps.joint[row]
-            weights = CURVES[self.curve].across(int(stop - start), chart.frames - (start - 1), motion.fps)
-            out[start:stop, joint] = chart.outward(weights @ chart.samples)
+            start, stop, joint = int(gaps.start[row]), int(gaps.stop[row]), gaps.joint[row]
+            out[start:stop, joint] = chart.path(start, stop, motion.fps, self.curve)
             method[row], donors[row] = self.name, chart.donors
         rest = np.flatnonzero(method == gaps.method)
         others = self.otherwise.fill_gaps(out, motion, gaps.pick(rest))
@@ -107,17 +113,103 @@ class DonorFill(Fill):
 
     def charts(self, motion: Motion, gaps: Gaps) -> Iterator[tuple[int, Chart]]:
         """For each gap that has donors, its row and its Chart."""
-        allowed = np.zeros(len(motion.skeleton), bool)
-        allowed[[motion.skeleton.index(name) for name in self.donors] or slice(None)] = True
+        allowed = self.allowed(motion)
         hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
         reach = CURVES[self.curve].reach(motion.fps)
         for row in np.flatnonzero(crossable(gaps, motion.fps, self.edge_seconds)).tolist():
             joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
             through = hidden[min(stop + 1, len(motion))] == hidden[max(start - 1, 0)]
             seen = near(motion.observed[:, joint], start, stop, reach)
-            chart = self.chart(motion, joint, start, stop, seen, allowed & through)
+            chart = self.look(motion, joint, start, stop, seen, allowed & through)
             if chart is not None:
                 yield row, chart
+
+    def allowed(self, motion: Motion) -> Array:
+        """`(joints,)` bool: who may be a donor."""
+        allowed = np.zeros(len(motion.skeleton), bool)
+        allowed[[motion.skeleton.index(name) for name in self.donors] or slice(None)] = True
+        return allowed
+
+    def look(self, *gap) -> Chart | None:
+        """The Chart of a gap, as `donors.pattern_chart` takes it."""
+        return self.chart(*gap)
+
+
+@dataclass(frozen=True)
+class LearnedFill(DonorFill):
+    """A DonorFill whose chart learns from all of the take where the joint is among others, and fills its edges, too.
+
+    Where too few are seen all through a gap, each stretch of it gets those that are seen there. Frames that are left,
+    and those about a stretch's end, are crossed by `eased`; `Gaps.reasons` counts them.
+
+    chart : of `local`, `regression`, `pca` or `average`.
+    teaching : `(frames, joints, 3)`, other takes' frames of the same joints in the same order, metres, NaN where
+        unseen; they teach beside the take's own.
+    """
+
+    curve: str = "ramp"
+    edge_seconds: float = DAY
+    teaching: Array | None = None
+
+    def look(self, *gap) -> Chart | None:
+        """See `DonorFill.look`."""
+        return self.chart(*gap, teaching=self.teaching)
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        """See `Fill.fill_gaps`."""
+        done = super().fill_gaps(out, motion, gaps)
+        method, donors, reasons = done.method.copy(), dict(done.donors), {}
+        for row in np.flatnonzero((method != self.name) & crossable(gaps, motion.fps, self.edge_seconds)).tolist():
+            joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
+            stretches = list(self._stretches(motion, joint, start, stop))
+            path, crossed = self._stitched(motion, joint, start, stop, stretches)
+            if crossed >= 0:
+                out[start:stop, joint] = path
+                method[row] = self.name
+                donors[row] = tuple(sorted({donor for *_, chart in stretches for donor in chart.donors}))
+                reasons[row] = f"{crossed} of its {stop - start} frames by eased: too few others were seen there"
+        return replace(done, method=method, donors=donors, reasons=reasons)
+
+    def _stretches(self, motion: Motion, joint: int, start: int, stop: int) -> Iterator[tuple[int, int, Chart]]:
+        """Stretches `[first, last)` of a gap that have donors of their own, and their charts: halves, quarters, …"""
+        ends = [frame for frame in (start - 1, stop) if 0 <= frame < len(motion)]
+        allowed = self.allowed(motion) & motion.observed[ends].all(axis=0)
+        seen = near(motion.observed[:, joint], start, stop, CURVES[self.curve].reach(motion.fps))
+        enough = (motion.observed[start:stop] & allowed).sum(axis=1) >= LEAST
+        shortest, waiting = 4 * _border(motion.fps), [(start, stop)]
+        while waiting:
+            first, last = waiting.pop()
+            if last - first < shortest or not enough[first - start : last - start].any():
+                continue
+            through = allowed & motion.observed[first:last].all(axis=0)
+            chart = self.look(motion, joint, start, stop, seen, through)
+            if chart is not None:
+                yield first, last, chart
+            else:
+                middle = (first + last) // 2
+                waiting += [(first, middle), (middle, last)]
+
+    def _stitched(
+        self, motion: Motion, joint: int, start: int, stop: int, stretches: list[tuple[int, int, Chart]]
+    ) -> tuple[Array, int]:
+        """The path `(gap frames, 3)` by its stretches, and how many frames a curve had to cross; -1 if it cannot."""
+        path = motion.positions[:, joint : joint + 1].astype(np.float64)
+        known, border = motion.observed[:, joint : joint + 1].copy(), _border(motion.fps)
+        for first, last, chart in stretches:
+            inner = slice(first + border * (first > start), last - border * (last < stop))
+            inside = np.full((len(path), 3), np.nan)
+            inside[start:stop] = chart.path(start, stop, motion.fps, self.curve)
+            path[inner, 0], known[inner] = inside[inner], True
+        left = Gaps.of(known)
+        left = left.pick((left.start >= start) & (left.stop <= stop))
+        done = cross(path, path.copy(), known, motion.fps, left, "eased", EDGE_SECONDS)
+        whole = stretches and np.all(done.method != "")
+        return path[start:stop, 0], int(left.length.sum()) if whole else -1
+
+
+def _border(fps: float) -> int:
+    """How many frames on each side of where a gap's donors change are left to a curve."""
+    return max(1, round(BORDER_SECONDS * fps))
 
 
 FILLS: dict[str, Fill] = {
@@ -128,4 +220,8 @@ FILLS: dict[str, Fill] = {
     "pattern": DonorFill("pattern", pattern_chart),
     "bones": DonorFill("bones", bone_chart),
     "rigid": DonorFill("rigid", rigid_chart, curve="linear", edge_seconds=DAY),
+    "local": LearnedFill("local", local_chart, curve="linear"),
+    "regression": LearnedFill("regression", regression_chart),
+    "pca": LearnedFill("pca", pca_chart),
+    "average": LearnedFill("average", average_chart),
 }

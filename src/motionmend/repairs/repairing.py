@@ -202,7 +202,7 @@ def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
         return gaps.reasons.get(row, kind)
     if asked not in FILLS:
         return gaps.reasons.get(row, "as asked")
-    return "as asked" if method == asked else f"no donors for {asked}"
+    return gaps.reasons.get(row, "as asked") if method == asked else f"no donors for {asked}"
 
 
 def _undone(take: Take, findings: Iterable[Finding]) -> list[Filled]:
