@@ -30,7 +30,8 @@ class Repair(Reading):
     find: bool = False
     """Repair what diagnosis finds, besides what --gap and --lost name."""
     method: Literal[
-        "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "mend", "xmae", "convae", "trajevae"
+        "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "local", "regression", "pca",
+        "average", "mend", "xmae", "convae", "trajevae",
     ] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
     samples: int = 1
@@ -38,7 +39,7 @@ class Repair(Reading):
     seed: int = 0
     """Of these ways; the same gives the same."""
     donors: tuple[str, ...] = ()
-    """Markers or joints that `pattern` and `rigid` follow; otherwise they are chosen."""
+    """Markers or joints that `pattern`, `rigid` and the fills that learn follow; otherwise they are chosen."""
     max_gap: Optional[str] = None
     """Fill gaps up to this long (60 or 0.5s); leave longer ones, marked as missing where the format can."""
     keep_longer: bool = False
@@ -47,6 +48,8 @@ class Repair(Reading):
     """Also smooth the whole take: savgol, butterworth, or a network (xmae). This changes every sample."""
     cutoff: float = 6.0
     """Low-pass frequency of --denoise butterworth, Hz."""
+    join: bool = False
+    """First give lost markers the samples of tracks without a label that go on there; inspect lists them."""
     plant_feet: bool = False
     """Hold feet still where they stand inside repaired frames."""
     map: Optional[Path] = None
@@ -109,7 +112,7 @@ class Repair(Reading):
         return repair(
             take, gaps=self.gap, lost=self.lost, find=self.find or None, method=self.method, donors=self.donors,
             max_gap=self.max_gap, keep_longer=self.keep_longer, denoise=self.denoise, cutoff=self.cutoff,
-            plant_feet=self.plant_feet, seed=self.seed, variant=number, map=self.map,
+            plant_feet=self.plant_feet, join=self.join, seed=self.seed, variant=number, map=self.map,
             stage=stage if self.samples == 1 else lambda what: stage(f"variant {number}, {what}"),
         )  # fmt: skip
 

@@ -15,11 +15,12 @@ from ..errors import InputError, nearest_names
 from ..gaps import Gaps
 from ..motion import Motion, Rig
 from .kinds import KINDS, point_kinds, rig_kinds
-from .points import FILLS, DonorFill, Fill
+from .points import FILLS, DonorFill, Fill, LearnedFill
 
 Array = np.ndarray
 
-TRIED = ("eased", "bones", "pattern", "rigid")
+CURVES_AND_DONORS = ("eased", "bones", "pattern", "rigid")
+TRIED = {"markers": (*CURVES_AND_DONORS, "average"), "many markers": (*CURVES_AND_DONORS, "average")}
 TRIAL_SECONDS = 0.05  # shorter gaps are not worth a trial
 TRIAL_MARGIN = 1.2  # how many times better than the winner of the table another must be
 MOST_TRIALS = 1000
@@ -32,7 +33,8 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "all points": {0: ((np.inf, "eased"),)},
     "leg joints": {0: ((np.inf, "eased"),), 1: ((0.2, "bones"), (np.inf, "pattern"))},
     "joints": {0: ((np.inf, "eased"),), 1: ((np.inf, "bones"),)},
-    "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
+    "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "average"),)},
+    "many markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
 }
 
 
@@ -59,10 +61,12 @@ class Auto(Fill):
 
     donors : names of joints or markers to choose donors from; all if empty.
     mapping : which joints are a person's; `map_rig`'s answer otherwise.
+    teaching : other takes' frames, for fills that learn; see `points.LearnedFill`.
     """
 
     donors: tuple[str, ...] = ()
     mapping: Mapping | None = None
+    teaching: Array | None = None
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """Fall from the method for three donors to that for one and to that for none, as each gap's chart allows."""
@@ -90,12 +94,13 @@ class Auto(Fill):
         self, out: Array, motion: Motion, gaps: Gaps, chains: list[tuple[str, ...]], reasons: dict[int, str]
     ) -> Gaps:
         """Write each gap's fill into `out (frames, joints, 3)`, by the methods of its chain."""
-        method, donors = gaps.method.copy(), {}
+        method, donors, reasons = gaps.method.copy(), {}, dict(reasons)
         for chain in sorted(set(chains)):
             rows = np.flatnonzero([other == chain for other in chains])
-            done = self._chained(chain).fill_gaps(out, motion, gaps.pick(rows))
+            done = self._chained(chain, self.teaching).fill_gaps(out, motion, gaps.pick(rows))
             method[rows] = done.method
             donors |= {int(rows[row]): chosen for row, chosen in done.donors.items()}
+            reasons |= {int(rows[row]): why for row, why in done.reasons.items()}
         return replace(gaps, method=method, donors=donors, reasons=reasons)
 
     def _tried(
@@ -110,15 +115,18 @@ class Auto(Fill):
         decided = {}
         for start, stop in sorted(long, key=lambda span: span[0] - span[1])[:MOST_TRIALS]:
             rows = together[start, stop]
-            errors = self._trial(motion, gaps.joint[rows], start, stop)
+            tried = TRIED.get(kinds[rows[0]], CURVES_AND_DONORS)
+            errors = self._trial(motion, gaps.joint[rows], start, stop, tried)
             if errors is not None:
                 for row, scores in zip(rows, errors.T):
-                    best, expected = int(np.argmin(scores)), scores[TRIED.index(chains[row][0])]
+                    best, expected = int(np.argmin(scores)), scores[tried.index(chains[row][0])]
                     if scores[best] == expected or TRIAL_MARGIN * scores[best] <= expected:
-                        decided[row] = TRIED[best]
+                        decided[row] = tried[best]
         return decided
 
-    def _trial(self, motion: Motion, joints: Array, start: int, stop: int) -> Array | None:
+    def _trial(
+        self, motion: Motion, joints: Array, start: int, stop: int, tried: tuple[str, ...]
+    ) -> Array | None:
         """Each tried method's mean error `(methods, joints)` on gaps like this one before and after it, or None."""
         length, context = stop - start, max(3, round(0.1 * motion.fps))
         hidden = np.asarray(~motion.observed[start:stop].all(axis=0))
@@ -134,17 +142,26 @@ class Auto(Fill):
             observed[inside[:, None], joints] = False
             part = replace(motion, positions=motion.positions[around], observed=observed)
             truth = part.positions[inside][:, joints]
-            fills = (self._chained((name, "eased")).complete(part) for name in TRIED)
+            others = None if tried == CURVES_AND_DONORS else self._others(motion, around)
+            fills = (self._chained((name, "eased"), others).complete(part) for name in tried)
             misses = [fill.positions[inside][:, joints] - truth for fill in fills]
             errors.append(np.linalg.norm(misses, axis=-1).mean(axis=1))
         return np.mean(errors, axis=0) if errors else None
 
-    def _chained(self, chain: tuple[str, ...]) -> Fill:
+    def _others(self, motion: Motion, around: slice) -> Array:
+        """What teaches in a trial on the frames `around`: the take's other frames, and those of other takes."""
+        seen = np.where(motion.observed[..., None], motion.positions, np.float32(np.nan))
+        rest = np.concatenate([seen[: around.start], seen[around.stop :]])
+        return rest if self.teaching is None else np.concatenate([rest, self.teaching])
+
+    def _chained(self, chain: tuple[str, ...], teaching: Array | None) -> Fill:
         fill = FILLS[chain[-1]]
         for name in reversed(list(dict.fromkeys(chain))):
             one = FILLS[name]
             if isinstance(one, DonorFill):
                 fill = replace(one, donors=self.donors, otherwise=fill)
+            if isinstance(fill, LearnedFill):
+                fill = replace(fill, teaching=teaching)
         return fill
 
 

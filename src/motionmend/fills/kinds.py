@@ -18,19 +18,25 @@ KINDS = {
     "leg joints": "joints of a leg are missing",
     "joints": "joints of a skeleton are missing",
     "markers": "markers of a cloud are missing",
+    "many markers": "many markers of a cloud are missing at once",
 }
 # Of a limb's length, from its branch to its tip: with less missing it is the lower limb, or an extremity.
 LIMB_SHARE, EXTREMITY_SHARE = 2 / 3, 1 / 4
+MANY_SHARE = 0.3  # of a cloud's markers, on average through the gap
 
 
 def point_kinds(motion: Motion, gaps: Gaps, mapping: Mapping | None = None) -> list[str]:
     """Each gap's kind, for a motion of points; `mapping` tells which are a leg's."""
-    kinds = np.full(len(motion.skeleton), "joints" if motion.skeleton.has_bones else "markers", "U12")
+    joints = np.full(len(motion.skeleton), "joints" if motion.skeleton.has_bones else "markers", "U12")
     if motion.skeleton.has_bones and mapping:
-        kinds[_legs(mapping)] = "leg joints"
-    seen = np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
-    alone = seen[gaps.stop] == seen[gaps.start]
-    return np.where(alone, "all points", kinds[gaps.joint]).tolist()
+        joints[_legs(mapping)] = "leg joints"
+    kinds, seen = joints[gaps.joint], np.concatenate([[0], np.cumsum(motion.observed.any(axis=1))])
+    if not motion.skeleton.has_bones:
+        there = motion.observed[:, motion.observed.any(axis=0)]
+        missing = np.concatenate([[0], np.cumsum(there.shape[1] - there.sum(axis=1))])
+        most = MANY_SHARE * there.shape[1] * gaps.length
+        kinds = np.where(missing[gaps.stop] - missing[gaps.start] > most, "many markers", kinds)
+    return np.where(seen[gaps.stop] == seen[gaps.start], "all points", kinds).tolist()
 
 
 def _legs(mapping: Mapping) -> list[int]:

@@ -17,7 +17,7 @@ from .donors import Chart, pose
 Array = np.ndarray
 
 LEAST = 3  # donors that give a place and an orientation
-MOST_FRAMES = 500  # that teach, of the take, and as many of others
+MOST_FRAMES = 400  # that teach, of the take, and as many of others
 LOOSE_SHARE = 0.05  # of its mean distance is as bad, in a donor, as a standard deviation of that much
 KEPT_SHARE = 0.8  # of the frames that teach must remain when another donor is taken
 SEEN_SHARE = 0.5  # of the frames in which the marker is seen must show a donor
@@ -96,7 +96,8 @@ def lesson(
     often = np.flatnonzero(there.sum(axis=0) >= max(1, SEEN_SHARE * len(there)))
     distances = np.linalg.norm(np.where(there[..., None], known, 0) - own[:, None], axis=-1)
     apart, spread = _moments(distances, there)
-    loose = np.hypot(spread, LOOSE_SHARE * apart)
+    # A donor at the marker's very place is steady without end, and still not all that there is to know.
+    loose = np.maximum(np.hypot(spread, LOOSE_SHARE * apart), LOOSE_SHARE**2 * apart[often].mean() if len(often) else 0)
     chosen, rows = [], np.ones(len(own), bool)
     for lender in often[np.argsort(loose[often], kind="stable")][: 2 * most]:
         left = rows & there[:, lender]
@@ -167,9 +168,11 @@ def view(one: Lesson) -> View | None:
     if not breadths[1] > FLAT_SHARE * breadths[0]:
         return None
     shape = vectors[:, :-4:-1] * breadths / root[:, None]
-    mirrored = shape * [1, 1, -1]
-    ways = [(each, *_laid(each, one.known, weights)) for each in (shape, mirrored)]
-    shape, known, turn, centre = max(ways, key=lambda way: np.sum(way[1] * (weights[:, None] * way[0])))
+    # Distances do not tell a shape from its mirror image: the frames do.
+    about = one.known - (weights @ one.known)[:, None]
+    if np.linalg.det(np.swapaxes(about, 1, 2) @ (weights[:, None] * shape)).sum() < 0:
+        shape = shape * [1, 1, -1]
+    known, turn, centre = _laid(shape, one.known, weights)
     own = np.einsum("fji,fj->fi", turn, one.own - centre)
     asked, turn, centre = _laid(shape, one.asked, weights)
     outward = lambda inside: np.einsum("fij,fj->fi", turn, inside) + centre  # noqa: E731

@@ -29,6 +29,7 @@ Array = np.ndarray
 
 EDGE_SECONDS = 1.0
 BORDER_SECONDS = 0.03  # on each side of where a gap's donors change
+LEARNED_SHARE = 0.1  # of a gap's length, at least, a joint must be seen elsewhere
 DAY = 86_400.0  # seconds, longer than any take
 
 
@@ -116,13 +117,17 @@ class DonorFill(Fill):
         allowed = self.allowed(motion)
         hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
         reach = CURVES[self.curve].reach(motion.fps)
-        for row in np.flatnonzero(crossable(gaps, motion.fps, self.edge_seconds)).tolist():
+        for row in np.flatnonzero(self.within_reach(motion, gaps)).tolist():
             joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
             through = hidden[min(stop + 1, len(motion))] == hidden[max(start - 1, 0)]
             seen = near(motion.observed[:, joint], start, stop, reach)
             chart = self.look(motion, joint, start, stop, seen, allowed & through)
             if chart is not None:
                 yield row, chart
+
+    def within_reach(self, motion: Motion, gaps: Gaps) -> Array:
+        """`(gaps,)` bool: what may be tried."""
+        return crossable(gaps, motion.fps, self.edge_seconds)
 
     def allowed(self, motion: Motion) -> Array:
         """`(joints,)` bool: who may be a donor."""
@@ -155,11 +160,18 @@ class LearnedFill(DonorFill):
         """See `DonorFill.look`."""
         return self.chart(*gap, teaching=self.teaching)
 
+    def within_reach(self, motion: Motion, gaps: Gaps) -> Array:
+        """See `DonorFill.within_reach`: not what is lost for long and was hardly ever seen."""
+        seen = motion.observed.sum(axis=0)
+        if self.teaching is not None:
+            seen = seen + np.isfinite(self.teaching[..., 0]).sum(axis=0)
+        return super().within_reach(motion, gaps) & (gaps.length * LEARNED_SHARE <= seen[gaps.joint])
+
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`."""
         done = super().fill_gaps(out, motion, gaps)
         method, donors, reasons = done.method.copy(), dict(done.donors), {}
-        for row in np.flatnonzero((method != self.name) & crossable(gaps, motion.fps, self.edge_seconds)).tolist():
+        for row in np.flatnonzero((method != self.name) & self.within_reach(motion, gaps)).tolist():
             joint, start, stop = int(gaps.joint[row]), int(gaps.start[row]), int(gaps.stop[row])
             stretches = list(self._stretches(motion, joint, start, stop))
             path, crossed = self._stitched(motion, joint, start, stop, stretches)

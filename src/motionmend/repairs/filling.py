@@ -10,12 +10,13 @@ import numpy as np
 from ..body.mapping import Mapping, map_rig
 from ..constraints import feet
 from ..constraints.bones import keep_lengths, reference_lengths
+from ..constraints.seams import meet_rig_seams
 from ..errors import InputError, nearest_names
 from ..fills.auto import rig_methods
 from ..fills.channels import fill_rig
 from ..fills.curves import CURVES
 from ..fills.kinds import rig_kinds
-from ..fills.points import FILLS, DonorFill, Fill
+from ..fills.points import FILLS, DonorFill, Fill, LearnedFill
 from ..gaps import Gaps, covered
 from ..metrics.positional import bone_lengths
 from ..motion import Motion, Take
@@ -55,8 +56,10 @@ def fill(
     if take.rig is None:
         motion, gaps = _completer(method, donors, mapping, networks).fill(take.motion)
         return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
-    chosen = rig_methods if method not in FILLS else method
-    rig, gaps = fill_rig(take.rig, take.fps, chosen)
+    by_turns = method in FILLS and not isinstance(FILLS[method], LearnedFill)
+    rig, gaps = fill_rig(take.rig, take.fps, method if by_turns else rig_methods)
+    if method in FILLS and not by_turns:
+        return _on_learned_paths(take, take.with_rig(rig), gaps, method)
     filled = _feet_on_their_paths(take, take.with_rig(rig), method, legs)
     if method in GENERATIVE:
         filled, gaps = _by_network(take, filled, gaps, "auto", mapping, _networks("auto", mapping))
@@ -79,7 +82,7 @@ def _completer(
 ) -> Fill:
     if method == "auto":
         improve = {name: network.improve for name, network in networks.items()}
-        return Chooser(tuple(donors), mapping, improve)
+        return Chooser(tuple(donors), mapping, improve=improve)
     if method in networks:
         base = _networks("auto", mapping) if method in GENERATIVE else {}
         return replace(networks[method], base=_completer("auto", donors, mapping, base))
@@ -119,6 +122,34 @@ def _by_network(
             reasons |= networks[name].reasons(gaps, done, take.fps, "no joint that the network knows hangs on it")
         method_of[done] = name
     return filled, replace(gaps, method=method_of, reasons=reasons, expected=expected)
+
+
+def _on_learned_paths(before: Take, filled: Take, gaps: Gaps, method: str) -> tuple[Take, Gaps]:
+    """A take of channels whose joints follow the paths that a fill for points finds for them, bones kept.
+
+    What no path decides stays as the winners among the fills for rigs have it: twist about a bone, hands and heads.
+    """
+    assert before.rig is not None
+    motion, found = FILLS[method].fill(before.motion)
+    there = covered(found.pick(found.method == method), before.trusted.shape)
+    decides = there & (np.array(before.skeleton.parents) < 0)  # a root places itself, others what hangs on them
+    for joint, parent in enumerate(before.skeleton.parents):
+        if parent >= 0:
+            decides[:, parent] |= there[:, joint]
+    where = decides & filled.trusted & ~before.rig.trusted
+    method_of, reasons = gaps.method.copy(), dict(gaps.reasons)
+    for row, (joint, start, stop) in enumerate(zip(gaps.joint, gaps.start, gaps.stop)):
+        if where[start:stop, joint].all():
+            method_of[row] = method
+        else:
+            where[start:stop, joint] = False
+            reasons[row] = f"no joint whose path {method} finds hangs on it"
+    if not where.any():
+        return filled, replace(gaps, reasons=reasons)
+    posed = fit(filled, np.where(there[..., None], motion.positions, np.nan), where)
+    assert posed.rig is not None
+    met = meet_rig_seams(posed.rig, replace(posed.rig, trusted=~where), before.fps)
+    return filled.with_rig(replace(met, trusted=filled.rig.trusted)), replace(gaps, method=method_of, reasons=reasons)
 
 
 def _feet_on_their_paths(before: Take, filled: Take, method: str, legs: Sequence[feet.Leg]) -> Take:

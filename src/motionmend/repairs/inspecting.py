@@ -9,6 +9,7 @@ from ..body.mapping import map_rig, read_map
 from ..diagnosis.diagnosing import diagnose
 from ..diagnosis.findings import told
 from ..motion import Take
+from .fragments import fragments
 from .report import findings_table, to_json
 
 
@@ -19,6 +20,7 @@ def inspect(take: Take, map_file: Path | None = None, *, as_json: bool = False) 
     found = {body: take.skeleton.names[joint] for body, joint in zip(BODY.names, mapping.joints) if joint >= 0}
     diagnosis = diagnose(take)
     untrusted = diagnosis.untrusted
+    joins = fragments(take.distrust(untrusted).motion) if take.rig is None else []
     facts = {
         "file": take.source,
         "format": take.format,
@@ -34,6 +36,16 @@ def inspect(take: Take, map_file: Path | None = None, *, as_json: bool = False) 
         "mapping": found,
         "unmapped": list(mapping.unmapped),
         "findings": [told(finding) for finding in diagnosis.findings],
+        "fragments": [
+            {
+                "track": take.skeleton.names[one.track],
+                "marker": take.skeleton.names[one.marker],
+                "start": one.start,
+                "stop": one.stop,
+                "mm": round(1000 * one.metres, 1),
+            }
+            for one in joins
+        ],
         "samples": int(untrusted.size),
         "untrusted": int(untrusted.sum()),
     }
@@ -68,6 +80,12 @@ def _as_text(facts: dict) -> str:
         lines += ["found", findings_table(facts["findings"])]
     else:
         lines.append("found: nothing wrong")
+    if facts["fragments"]:
+        lines.append("tracks without a label that go on where a marker was lost; repair --join joins them")
+        lines += [
+            f"  {one['start']}:{one['stop']}  {one['track']} is {one['marker']}, {one['mm']:.0f} mm from where others put it"
+            for one in facts["fragments"]
+        ]
     share = 100 * facts["untrusted"] / max(facts["samples"], 1)
     lines.append(f"{facts['untrusted']} of {facts['samples']} samples untrusted ({share:.2f} %)")
     return "\n".join(lines)

@@ -22,6 +22,7 @@ from ..progress import Stage, silent
 from ..ranges import Lost, Range, mask_of, parse_frames
 from .denoising import denoise as smoothed
 from .filling import fill
+from .fragments import Fragment, fragments, joined, unlabelled
 from .report import Denoised, Filled, Report
 from .varied_fill import GENERATIVE, must_vary
 
@@ -39,6 +40,7 @@ def repair(
     denoise: str | None = None,
     cutoff: float = 6.0,
     plant_feet: bool = False,
+    join: bool = False,
     seed: int = 0,
     variant: int = 1,
     map: str | Path | dict[str, str] | None = None,
@@ -53,14 +55,16 @@ def repair(
         channels these are the joints' own channels; what hangs on them moves with them.
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
-    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "mend", "xmae" or "convae" (networks),
-        "trajevae" (one plausible way of many), or "auto".
-    donors : names that "pattern" and "rigid" may follow; by default they choose for themselves.
+    method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "local", "regression", "pca",
+        "average", "mend", "xmae" or "convae" (networks), "trajevae" (one plausible way of many), or "auto".
+    donors : names that "pattern", "rigid" and the fills that learn may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
         formats that can say so; with `keep_longer` they stay as the file has them.
     denoise : "savgol", "butterworth", or a network such as "xmae": smooth the whole take afterwards. cutoff : of
         "butterworth", Hz.
     plant_feet : hold feet still where they stand inside repaired frames.
+    join : give lost markers the samples of tracks without a label that go on where they were lost, first of all; see
+        `fragments.fragments`. The tracks stay as they are.
     seed, variant : of "trajevae", from 0 on and from 1 on: which of the ways. The same two give the same bits.
     map : overrides of the rig's mapping: BODY name → name in the file, or a TOML file of such lines.
     stage : called with what is done next, for progress.
@@ -71,8 +75,8 @@ def repair(
 
     Raises
     ------
-    InputError : for names or ranges the take does not have, for variants of a method that has one answer, and if
-        nothing in the take can be trusted.
+    InputError : for names or ranges the take does not have, for `join` in a take of channels, for variants of a method
+        that has one answer, and if nothing in the take can be trusted.
     """
     must_vary(method, variant, seed)
     asked = mask_of(take, gaps, lost)
@@ -91,6 +95,11 @@ def repair(
             elif finding.cause == "t-pose":
                 calibration[finding.start : finding.stop] = True
         wrong = wrong | found.untrusted
+    joins = _joins(whole.distrust(wrong | calibration)) if join else []
+    whole = joined(whole, joins) if joins else whole
+    for one in joins:
+        wrong[one.start : one.stop, one.marker] = False
+        put_right[one.start : one.stop, one.marker] = True
     # A calibration pose stays in the file, but says nothing of the motion that follows it.
     calibration &= ~wrong
     damaged = whole.distrust(wrong | calibration)
@@ -103,14 +112,18 @@ def repair(
         limit = parse_frames(max_gap, take.fps) if isinstance(max_gap, str) else max_gap
         too_long = wrong & longer(~wrong, limit)
 
+    nameless = _open_ends(damaged) & wrong & ~asked
+
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
     stage("filling gaps")
     filled, done = fill(damaged, method, donors, legs, mapping, seed, variant)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
+    filled = _put_back(filled, whole, nameless)
     not_named = wrong & ~asked if only_asked else np.zeros_like(wrong)
     filled = _put_back(filled, whole, calibration | not_named)
-    changed = wrong & filled.trusted & ~too_long & ~not_named
+    kept = too_long | not_named | nameless
+    changed = wrong & filled.trusted & ~kept
     if plant_feet and changed.any():
         stage("planting feet")
         filled, _ = feet.plant_feet(filled, changed, legs)
@@ -132,9 +145,10 @@ def repair(
         samples=int(take.trusted.size),
         repaired=int(mended.sum()),
         findings=[told(finding) for finding in findings],
-        fills=_undone(take, findings) + _rows(damaged, done, changed, method),
-        left=_rows(damaged, done, wrong & ~mended & ~too_long & ~not_named, method)
-        + _rows(damaged, done, too_long & ~not_named, method, f"longer than {max_gap}")
+        fills=_undone(take, findings) + _joined(take, joins) + _rows(damaged, done, changed, method),
+        left=_rows(damaged, done, wrong & ~mended & ~kept, method)
+        + _rows(damaged, done, too_long & ~not_named & ~nameless, method, f"longer than {max_gap}")
+        + _rows(damaged, done, nameless & ~not_named, method, "a track without a label is not continued")
         + _rows(damaged, done, not_named, method, "missing, but not named"),
         checks=checked,
         notes=take.notes,
@@ -143,6 +157,24 @@ def repair(
         variant=variant if method in GENERATIVE else None,
     )
     return replace(filled, report=report)
+
+
+def _joins(take: Take) -> list[Fragment]:
+    """The fragments that continue lost markers, in a take of points."""
+    if take.rig is not None:
+        found = "tracks without a label were to be joined in a take of channels, which has none"
+        raise InputError(found, where=take.source, hint="leave --join out")
+    return fragments(take.motion)
+
+
+def _open_ends(take: Take) -> Array:
+    """`(frames, joints)` bool: where a track of points without a label has not begun yet, or has ended."""
+    ends = np.zeros(take.trusted.shape, bool)
+    if take.rig is None and (loose := unlabelled(take.skeleton.names)).any():
+        seen = take.trusted[:, loose]
+        begun, goes_on = (np.logical_or.accumulate(each, axis=0) for each in (seen, seen[::-1]))
+        ends[:, loose] = ~(begun & goes_on[::-1])
+    return ends
 
 
 def _put_back(filled: Take, source: Take, kept: Array) -> Take:
@@ -202,7 +234,17 @@ def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
         return gaps.reasons.get(row, kind)
     if asked not in FILLS:
         return gaps.reasons.get(row, "as asked")
-    return gaps.reasons.get(row, "as asked") if method == asked else f"no donors for {asked}"
+    return gaps.reasons.get(row, "as asked" if method == asked else f"no donors for {asked}")
+
+
+def _joined(take: Take, joins: Iterable[Fragment]) -> list[Filled]:
+    """The report's lines of tracks without a label that were joined to markers."""
+    names, rows = take.skeleton.names, []
+    for one in joins:
+        seconds, track = (one.stop - one.start) / take.fps, names[one.track]
+        why = f"{track} goes on there and keeps its distances, {1000 * one.metres:.0f} mm from where it is expected"
+        rows.append(Filled((names[one.marker],), one.start, one.stop, seconds, "join", why, (track,)))
+    return rows
 
 
 def _undone(take: Take, findings: Iterable[Finding]) -> list[Filled]:
