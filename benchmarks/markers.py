@@ -3,7 +3,7 @@
     python benchmarks/markers.py --data DIR [--people s06 s07] [--subjects 06 16] [--seed 0] [--every 1] [--per-take 4]
     python benchmarks/markers.py --data DIR --speed
 
-DIR holds `markers` (UI-PRMD, TRC, one folder a person), `cmu` and `free-motion`. In each take one marker is hidden, or
+DIR holds `markers` (UI-PRMD, TRC, one folder a person), `cmu`, `free-motion` and `free-motion.csv`. In each take one marker is hidden, or
 three or six that are near each other, five anywhere, or half of all (those nearest to one), so many times for each
 length; every method mends the same holes. No take of UI-PRMD is long enough for five seconds. "Moving" are the
 holes in which the hidden markers move by 0.2 m/s or more on average. Markers are made as in `fills.py`, two on each
@@ -13,6 +13,7 @@ each method takes for 60 markers, 60 s at 120 Hz, with 200 gaps of 0.1 to 1.5 s.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +35,7 @@ METHODS = ("linear", "eased", "pattern", "rigid", "local", "regression", "pca", 
 LOST = {"one": 1, "three near": 3, "five anywhere": 5, "six near": 6, "half": 0}
 BEFORE = {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)}
 MOVING = 0.2  # m/s
+LOW = ("crawl", "falling_down", "lying", "roll")  # in the names of takes near the floor
 CONTEXT = 10  # frames, at least, beside a hole
 
 
@@ -69,11 +71,13 @@ def made(data: Path, subjects: list[str], every: int, seed: int) -> list[Motion]
 def crawling(data: Path, seed: int) -> list[Motion]:
     """Markers made on the free pack's takes that crawl, lie down and get up, or fall."""
     random, found = np.random.default_rng(seed), []
-    for path in sorted((data / "free-motion").rglob("*.[ab][mv][ch]")):
-        if any(word in path.stem.lower() for word in ("crawl", "falling_down", "lying", "roll")):
-            take = io.load(path)
+    with (data / "free-motion.csv").open(newline="") as file:
+        takes = [(data / "free-motion" / row["file"], float(row["fps"])) for row in csv.DictReader(file)]
+    for path, fps in takes:
+        if any(word in path.stem.lower() for word in LOW) and path.is_file():
+            take = io.load(path, fps=fps)
             assert take.rig is not None
-            found.append(with_markers(take.rig, take.fps, 2, random)[0])
+            found.append(with_markers(take.rig, fps, 2, random)[0])
     return found
 
 

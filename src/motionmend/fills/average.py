@@ -24,6 +24,7 @@ LINEAR, PENALTY = 6, 0.3  # donors of the linear one, and its penalty
 NEIGHBOURS = 3
 SEEN = 100  # distances, at most, that make up a density
 SURE_SHARE = 1e-3  # of a distance: no density is narrower
+TINY = 1e-12  # metres, for a donor at the marker's own place
 
 
 def average_chart(
@@ -54,7 +55,7 @@ def likelihoods(one: Lesson, answers: Array) -> Array:
     inside, total = one.asked[len(one.near) :], np.zeros(answers.shape[:2])
     for donor in range(min(NEIGHBOURS, len(one.donors))):
         seen = np.linalg.norm(one.own - one.known[:, donor], axis=-1)
-        width = 1.06 * seen.std() * len(seen) ** -0.2 + SURE_SHARE * one.apart[donor]
+        width = 1.06 * seen.std() * len(seen) ** -0.2 + SURE_SHARE * one.apart[donor] + TINY
         seen = np.quantile(seen, (np.arange(SEEN) + 0.5) / SEEN) if len(seen) > SEEN else seen
         off = (np.linalg.norm(answers - inside[:, donor], axis=-1)[..., None] - seen) / width
         # The log of the mean of the bells, from the nearest on: far from all of them it still says which is nearer.

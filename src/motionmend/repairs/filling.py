@@ -129,7 +129,7 @@ def _on_learned_paths(before: Take, filled: Take, gaps: Gaps, method: str) -> tu
 
     What no path decides stays as the winners among the fills for rigs have it: twist about a bone, hands and heads.
     """
-    assert before.rig is not None
+    assert before.rig is not None and filled.rig is not None
     motion, found = FILLS[method].fill(before.motion)
     there = covered(found.pick(found.method == method), before.trusted.shape)
     decides = there & (np.array(before.skeleton.parents) < 0)  # a root places itself, others what hangs on them

@@ -22,8 +22,8 @@ from ..motion import Motion, Take, runs
 
 Array = np.ndarray
 
-# What Vicon ("*3", "C_12", "uname*4"), OptiTrack ("Unlabeled 12"), Qualisys ("New 0012"), Motive and others call them.
-UNLABELLED = re.compile(r"(\*|unlabell?ed|unidentified|uname|unnamed|new (?=\d)|c_(?=\d)|u_(?=\d)).*", re.IGNORECASE)
+# What Vicon ("*3", "uname*4"), OptiTrack ("Unlabeled 12"), Qualisys ("New 0012") and others call them.
+UNLABELLED = re.compile(r"\*\d+|(unlabell?ed|unidentified|uname\*?|unnamed)[ _-]?\d*|new \d{4}", re.IGNORECASE)
 SHORTEST_SECONDS = 0.02
 REACH_SECONDS = 0.1  # beside a gap and at a fragment's ends, for velocities
 DONORS = 8

@@ -82,10 +82,9 @@ def _as_text(facts: dict) -> str:
         lines.append("found: nothing wrong")
     if facts["fragments"]:
         lines.append("tracks without a label that go on where a marker was lost; repair --join joins them")
-        lines += [
-            f"  {one['start']}:{one['stop']}  {one['track']} is {one['marker']}, {one['mm']:.0f} mm from where others put it"
-            for one in facts["fragments"]
-        ]
+        for one in facts["fragments"]:
+            off = f"{one['mm']:.0f} mm from where the others put it"
+            lines.append(f"  {one['start']}:{one['stop']}  {one['track']} is {one['marker']}, {off}")
     share = 100 * facts["untrusted"] / max(facts["samples"], 1)
     lines.append(f"{facts['untrusted']} of {facts['samples']} samples untrusted ({share:.2f} %)")
     return "\n".join(lines)
