@@ -21,7 +21,9 @@ Array = np.ndarray
 
 CURVES_AND_DONORS = ("eased", "bones", "pattern", "rigid")
 TRIED = {"markers": (*CURVES_AND_DONORS, "average"), "many markers": (*CURVES_AND_DONORS, "average")}
+TRIED_BY = {"average": "regression"}  # the best of its models, in a quarter of the time
 TRIAL_SECONDS = 0.05  # shorter gaps are not worth a trial
+CROWD, CROWD_SECONDS = 12, 0.3  # among so many markers `average` needs no trial in gaps from this length on
 TRIAL_MARGIN = 1.2  # how many times better than the winner of the table another must be
 MOST_TRIALS = 1000
 # kind -> donors at hand (0, 1, or 3 that move as one body) -> (below this many seconds, method), …
@@ -34,7 +36,7 @@ WINNERS: dict[str, dict[int, tuple[tuple[float, str], ...]]] = {
     "leg joints": {0: ((np.inf, "eased"),), 1: ((0.2, "bones"), (np.inf, "pattern"))},
     "joints": {0: ((np.inf, "eased"),), 1: ((np.inf, "bones"),)},
     "markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "average"),)},
-    "many markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((np.inf, "rigid"),)},
+    "many markers": {0: ((np.inf, "eased"),), 1: ((np.inf, "pattern"),), 3: ((0.8, "rigid"), (np.inf, "average"))},
 }
 
 
@@ -108,7 +110,12 @@ class Auto(Fill):
     ) -> dict[int, str]:
         """The methods that trials decide, by row; the longest gaps first, as trials take time."""
         together: dict[tuple[int, int], list[int]] = {}
+        hidden = np.cumsum(np.pad(~motion.observed, ((1, 0), (0, 0))), axis=0)
+        crowd = (hidden[gaps.stop] == hidden[gaps.start]).sum(axis=1) >= CROWD
+        sure = crowd & (gaps.length >= CROWD_SECONDS * motion.fps)
         for row, kind in enumerate(kinds):
+            if kind == "markers" and sure[row] and chains[row][0] == "average":
+                continue
             if kind != "all points" and not gaps.is_edge[row] and not gaps.is_blank[row]:
                 together.setdefault((int(gaps.start[row]), int(gaps.stop[row])), []).append(row)
         long = [span for span in together if span[1] - span[0] >= TRIAL_SECONDS * motion.fps]
@@ -143,7 +150,7 @@ class Auto(Fill):
             part = replace(motion, positions=motion.positions[around], observed=observed)
             truth = part.positions[inside][:, joints]
             others = None if tried == CURVES_AND_DONORS else self._others(motion, around)
-            fills = (self._chained((name, "eased"), others).complete(part) for name in tried)
+            fills = (self._chained((TRIED_BY.get(name, name), "eased"), others).complete(part) for name in tried)
             misses = [fill.positions[inside][:, joints] - truth for fill in fills]
             errors.append(np.linalg.norm(misses, axis=-1).mean(axis=1))
         return np.mean(errors, axis=0) if errors else None
