@@ -4,11 +4,11 @@
     python benchmarks/markers.py --data DIR --speed
 
 DIR holds `markers` (UI-PRMD, TRC, one folder a person), `cmu`, `free-motion` and `free-motion.csv`. In each take one
-marker is hidden, or three or six that are near each other, five anywhere, or half of all (those nearest to one), so many
-times for each length; every method mends the same holes. No take of UI-PRMD is long enough for five seconds. "Moving"
-are the holes in which the hidden markers move by 0.2 m/s or more on average. Markers are made as in `fills.py`, two on
-each bone, with drift and jitter. "auto before" is `auto` without the fills that learn. `--speed` prints instead the CPU
-seconds of each method for 60 markers, 60 s at 120 Hz, with 200 gaps of 0.1 to 1.5 s.
+marker is hidden, or three or six that are near each other, five anywhere, or half of all (those nearest to one), so
+many times for each length; every method mends the same holes. No take of UI-PRMD is long enough for five seconds.
+"Moving" are the holes in which the hidden markers move by 0.2 m/s or more on average. Markers are made as in
+`fills.py`, two on each bone, with drift and jitter. "auto before" is `auto` without the fills that learn. `--speed`
+prints instead the CPU seconds of each method for 60 markers, 60 s at 120 Hz, with 200 gaps of 0.1 to 1.5 s.
 """
 
 from __future__ import annotations

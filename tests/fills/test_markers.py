@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import gaussian_kde
 
+from motionmend.fills.auto import Auto
 from motionmend.fills.average import SURE_SHARE, likelihoods
 from motionmend.fills.lessons import lesson
 from motionmend.fills.points import FILLS
@@ -245,3 +246,36 @@ def test_a_take_that_is_turned_and_moved_far_is_answered_there(name, seed):
     there = np.float32(motion.positions @ turn.T + shift)
     one, other = (FILLS[name].complete(some) for some in (motion, replace(motion, positions=there)))
     np.testing.assert_allclose(other.positions, one.positions @ turn.T + shift, atol=3e-4)
+
+
+# --- auto -------------------------------------------------------------------------------------------------
+
+
+def test_auto_takes_average_for_markers_where_it_is_best():
+    places = np.concatenate([PLACES, 1.3 * PLACES, -0.8 * PLACES])
+    truth = carried(places + 0.01 * waves(3, 54).reshape(FRAMES, 18, 3))
+    motion = lost(truth, (0, 100, 150))
+    filled, found = Auto().fill(motion)
+    assert list(found.method) == ["average"]
+    assert np.array_equal(filled.positions, FILLS["average"].complete(motion).positions)
+
+
+def test_auto_does_not_believe_average_where_many_are_gone_and_curves_do_better():
+    """Markers that go their own ways at a steady pace: what others do says nothing, and curves are exact."""
+    rng = np.random.default_rng(0)
+    steady = rng.normal(size=(12, 3)) + CLOCK[:, None, None] * rng.normal(size=(12, 3)) * 0.3
+    wild = rng.normal(size=(6, 3)) + 0.3 * waves(1, 18).reshape(FRAMES, 6, 3)
+    truth = np.concatenate([steady, wild], axis=1)
+    motion = lost(truth, *((marker, 100, 140) for marker in range(8)))
+    missed, found = errors(Auto(), motion, truth)
+    assert missed.max() < 1e-5 and "average" not in found.method
+
+
+def test_auto_hands_on_what_other_takes_teach():
+    places = np.concatenate([PLACES, 1.3 * PLACES, -0.8 * PLACES])
+    truth, other = (carried(places + 0.02 * waves(3, 54).reshape(FRAMES, 18, 3), seed) for seed in (0, 20))
+    motion = lost(truth, (0, 60, 180))
+    alone, taught = (errors(Auto(teaching=frames), motion, truth)[0].mean() for frames in (None, other))
+    assert taught < 0.5 * alone
+    expected = replace(FILLS["average"], teaching=other).complete(motion).positions
+    assert np.array_equal(Auto(teaching=other).complete(motion).positions, expected)

@@ -258,3 +258,17 @@ def test_the_report_tells_how_much_denoising_changed():
     assert "limb σ" in str(told) and "then the whole take denoised by butterworth" in str(told)
     assert '"limb_sigma"' in told.to_json()
     assert mm.repair(noisy).report.denoised is None
+
+
+@pytest.mark.parametrize("method", ["local", "regression", "pca", "average"])
+def test_fills_for_markers_mend_a_rig_by_its_joints_places(walk, method):
+    """A hand whose forearm is lost follows the path that the fill finds; bones keep their lengths."""
+    fixed = mm.repair(walk, lost=["LeftForeArm:120:180", "LeftHand:120:180"], method=method)
+    told = {(fill.joints, fill.method) for fill in fixed.report.fills}
+    assert told == {(("LeftForeArm", "LeftHand"), method)}
+    assert fixed.report.checks["changed"]["value"] == 0
+    off = np.linalg.norm(fixed.motion.positions - walk.motion.positions, axis=-1)
+    assert off[:120].max() < 1e-6 and off[180:].max() < 1e-6 and 0 < off[120:180].max() < 0.15
+    lengths = [np.linalg.norm(np.diff(each.motion.positions[:, list(pair)], axis=1), axis=-1) for each in (walk, fixed)
+               for pair in [[walk.skeleton.index(name) for name in ("LeftForeArm", "LeftHand")]]]
+    np.testing.assert_allclose(lengths[1], lengths[0], atol=1e-5)
