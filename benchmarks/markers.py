@@ -2,6 +2,7 @@
 
     python benchmarks/markers.py --data DIR [--people s06 s07] [--subjects 06 16] [--seed 0] [--every 1] [--per-take 4]
     python benchmarks/markers.py --data DIR --speed
+    python benchmarks/markers.py --data DIR --fragments
 
 DIR holds `markers` (UI-PRMD, TRC, one folder a person), `cmu`, `free-motion` and `free-motion.csv`. In each take one
 marker is hidden, or three or six that are near each other, five anywhere, or half of all (those nearest to one), so
@@ -9,6 +10,9 @@ many times for each length; every method mends the same holes. No take of UI-PRM
 "Moving" are the holes in which the hidden markers move by 0.2 m/s or more on average. Markers are made as in
 `fills.py`, two on each bone, with drift and jitter. "auto before" is `auto` without the fills that learn. `--speed`
 prints instead the CPU seconds of each method for 60 markers, 60 s at 120 Hz, with 200 gaps of 0.1 to 1.5 s.
+`--fragments` prints how many pieces of lost markers, left as tracks without a label, `repair --join` would join rightly
+and wrongly: of one, three or eight markers that are near each other, lost at overlapping times, and of a lost marker's
+nearest neighbour that nobody has labelled at all, where every join is wrong.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ from motionmend.fills import auto
 from motionmend.fills.auto import Auto
 from motionmend.fills.points import FILLS
 from motionmend.motion import Motion, Skeleton
+from motionmend.repairs.fragments import fragments
 
 Array = np.ndarray
 Trial = tuple[Motion, Array, int, int]  # the whole take, which markers are hidden, and from where to where
@@ -140,6 +145,49 @@ def table(title: str, motions: list[Motion], seconds: tuple[float, ...], options
         print(shared.row("holes", *(column[count] for column in columns)), flush=True)
 
 
+def pieces(motion: Motion, lost: Array, nameless: bool, random: np.random.Generator) -> tuple[Motion, set]:
+    """The take with `lost` markers gone for a while and pieces of them without a label; which piece is whose.
+
+    nameless : the pieces are those of the nearest neighbour of the first, which is never labelled.
+    """
+    frames, markers = motion.observed.shape
+    observed, tracks, truth = motion.observed.copy(), [], set()
+    for marker in lost[:1] if nameless else lost:
+        start = int(random.integers(5, max(6, frames - 40)))
+        stop = min(frames - 5, start + int(random.integers(15, 150)))
+        observed[start:stop, marker] = False
+        owner = lost[1] if nameless else marker
+        first = int(random.integers(start, max(start + 1, stop - 3)))
+        last = min(stop, first + int(random.integers(4, 80)))
+        if last - first > 2 and motion.observed[first:last, owner].all():
+            truth.add((markers + len(tracks), int(marker), first, last))
+            tracks.append((owner, first, last))
+    if nameless:
+        observed[:, lost[1]] = False
+    seen = [np.where(observed[..., None], motion.positions, np.float32("nan"))]
+    for owner, first, last in tracks:
+        track = np.full((frames, 1, 3), np.nan, np.float32)
+        track[first:last, 0] = motion.positions[first:last, owner]
+        seen.append(track)
+    positions = np.concatenate(seen, axis=1)
+    names = [*motion.skeleton.names, *(f"*{number}" for number in range(len(tracks)))]
+    return Motion(positions, np.isfinite(positions).all(axis=-1), motion.fps, Skeleton.cloud(names)), truth
+
+
+def joins(sets: dict[str, list[Motion]], seed: int, per_take: int) -> None:
+    print(shared.head("markers", "lost", "pieces", "joined rightly", "wrongly", left=2))
+    for name, motions in sets.items():
+        for what, number in {"one": 1, "three near": 3, "eight near": 8, "another's piece": 2}.items():
+            random, there, right, wrong = np.random.default_rng(seed), 0, 0, 0
+            for motion in motions * per_take:
+                lost = near(motion, int(random.integers(len(motion.skeleton))), number)
+                broken, truth = pieces(motion, lost, number == 2, random)
+                found = {(one.track, one.marker, one.start, one.stop) for one in fragments(broken)}
+                rightly = set() if number == 2 else found & truth
+                there, right, wrong = there + len(truth), right + len(rightly), wrong + len(found - rightly)
+            print(shared.row(name, what, there, right, wrong), flush=True)
+
+
 def speed(data: Path, subjects: list[str], seed: int) -> None:
     random = np.random.default_rng(seed)
     rig, fps = max(((rig, fps) for _, rig, fps in takes(data / "cmu", subjects)), key=lambda take: len(take[0].trusted))
@@ -160,12 +208,17 @@ def speed(data: Path, subjects: list[str], seed: int) -> None:
 
 
 def main() -> None:
-    options = shared.options(
-        __doc__, data=Path, people=["s06", "s07"], subjects=["06", "16"], seed=0, every=1, per_take=4, speed=False
-    )
+    flags = {"people": ["s06", "s07"], "subjects": ["06", "16"], "seed": 0, "every": 1, "per_take": 4}
+    options = shared.options(__doc__, data=Path, **flags, speed=False, fragments=False)
     print(f"{shared.python()}, {shared.here()}, seed {options.seed}")
     if options.speed:
         return speed(options.data, options.subjects, options.seed)
+    if options.fragments:
+        sets = {
+            f"UI-PRMD, {', '.join(options.people)}": real(options.data, options.people, options.every),
+            "made on takes that crawl and fall": crawling(options.data, options.seed),
+        }
+        return joins(sets, options.seed, options.per_take)
     motions = real(options.data, options.people, options.every)
     table(f"UI-PRMD, {', '.join(options.people)}", motions, (0.2, 1, 2), options)
     motions = made(options.data, options.subjects, options.every, options.seed)
