@@ -12,7 +12,8 @@ many times for each length; every method mends the same holes. No take of UI-PRM
 prints instead the CPU seconds of each method for 60 markers, 60 s at 120 Hz, with 200 gaps of 0.1 to 1.5 s.
 `--fragments` prints how many pieces of lost markers, left as tracks without a label, `repair --join` would join rightly
 and wrongly: of one, three or eight markers that are near each other, lost at overlapping times, and of a lost marker's
-nearest neighbour that nobody has labelled at all, where every join is wrong.
+nearest neighbour that nobody has labelled at all, and of tracks that run beside a lost marker, where every join is
+wrong.
 """
 
 from __future__ import annotations
@@ -145,10 +146,13 @@ def table(title: str, motions: list[Motion], seconds: tuple[float, ...], options
         print(shared.row("holes", *(column[count] for column in columns)), flush=True)
 
 
-def pieces(motion: Motion, lost: Array, nameless: bool, random: np.random.Generator) -> tuple[Motion, set]:
+def pieces(
+    motion: Motion, lost: Array, nameless: bool, off: float, random: np.random.Generator
+) -> tuple[Motion, set]:
     """The take with `lost` markers gone for a while and pieces of them without a label; which piece is whose.
 
-    nameless : the pieces are those of the nearest neighbour of the first, which is never labelled.
+    nameless : the pieces are those of the nearest neighbour of the first, which is never labelled. off : metres by
+        which a piece runs beside its marker, in a direction of its own.
     """
     frames, markers = motion.observed.shape
     observed, tracks, truth = motion.observed.copy(), [], set()
@@ -167,7 +171,8 @@ def pieces(motion: Motion, lost: Array, nameless: bool, random: np.random.Genera
     seen = [np.where(observed[..., None], motion.positions, np.float32("nan"))]
     for owner, first, last in tracks:
         track = np.full((frames, 1, 3), np.nan, np.float32)
-        track[first:last, 0] = motion.positions[first:last, owner]
+        aside = random.normal(size=3)
+        track[first:last, 0] = motion.positions[first:last, owner] + off * aside / np.linalg.norm(aside)
         seen.append(track)
     positions = np.concatenate(seen, axis=1)
     names = [*motion.skeleton.names, *(f"*{number}" for number in range(len(tracks)))]
@@ -177,13 +182,14 @@ def pieces(motion: Motion, lost: Array, nameless: bool, random: np.random.Genera
 def joins(sets: dict[str, list[Motion]], seed: int, per_take: int) -> None:
     print(shared.head("markers", "lost", "pieces", "joined rightly", "wrongly", left=2))
     for name, motions in sets.items():
-        for what, number in {"one": 1, "three near": 3, "eight near": 8, "another's piece": 2}.items():
+        ways = [("one", 1, 0.0), ("three near", 3, 0.0), ("eight near", 8, 0.0), ("another's piece", 2, 0.0)]
+        for what, number, off in [*ways, *((f"{1000 * off:.0f} mm beside", 1, off) for off in (0.01, 0.015, 0.03))]:
             random, there, right, wrong = np.random.default_rng(seed), 0, 0, 0
             for motion in motions * per_take:
                 lost = near(motion, int(random.integers(len(motion.skeleton))), number)
-                broken, truth = pieces(motion, lost, number == 2, random)
+                broken, truth = pieces(motion, lost, number == 2, off, random)
                 found = {(one.track, one.marker, one.start, one.stop) for one in fragments(broken)}
-                rightly = set() if number == 2 else found & truth
+                rightly = set() if number == 2 or off else found & truth
                 there, right, wrong = there + len(truth), right + len(rightly), wrong + len(found - rightly)
             print(shared.row(name, what, there, right, wrong), flush=True)
 
