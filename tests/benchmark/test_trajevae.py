@@ -346,3 +346,30 @@ def test_infilling_trains_on_a_pose_and_whole_paths():
     hidden = network._hidden(truth, np.ones(truth.shape[:3], bool), np.random.default_rng(0), 0)
     assert not hidden[:, 0].any() and (hidden[:, 1:] == hidden[:, 1:2]).all()
     assert 0.8 < hidden[:, 1].mean() < 0.9
+
+
+@pytest.mark.parametrize("name", ["trajevae", "cvae-rnn"])
+def test_one_guess_is_the_priors_mean_decoded_and_several_are_drawn(name):
+    """Table 3 of the paper: K = 1 is no sample."""
+    torch = pytest.importorskip("torch")
+    from motionmend.networks.loading import module_completer
+    from motionmend.networks.models import network_class
+
+    kind = network_class(name)
+    torch.manual_seed(0)
+    network = kind(kind.Config(**kind.TRIALS[""]), 21)
+    completer = module_completer(network)
+    truth = np.stack([lively(101, 30), lively(101, 31)]).astype(np.float32)
+    pose, paths, given = asked(truth, 2)
+    inputs, known = completer.space.encode(truth, np.concatenate([np.ones_like(given[:, :1]), given], axis=1))
+    tensors = {key: torch.from_numpy(np.ascontiguousarray(each)) for key, each in inputs.items()}
+    with torch.inference_mode():
+        mean = network.eval()(**tensors, noise=torch.zeros(2, network.noise_size)).numpy()
+    mean = completer.space.decode(mean, known)[:, 1:]
+    method = of_completer(name, completer)
+    for row in (method, constrained(method)):
+        one, again = (row.sample(pose, paths, given, 1, seed) for seed in (0, 1))
+        assert np.array_equal(one, again)
+    np.testing.assert_allclose(method.sample(pose, paths, given, 1, 0)[:, 0], mean, atol=1e-5)
+    drawn = method.sample(pose, paths, given, 2, 0)
+    assert np.abs(drawn[:, 0] - drawn[:, 1]).max() > 1e-4 < np.abs(drawn - mean[:, None]).max()

@@ -38,7 +38,7 @@ from workers import built_once
 KINDS = [Tiny, TinyDream, *map(network_class, NETWORKS)]
 TRIALS = {f"{kind.name}-{name}".rstrip("-"): (kind, fields) for kind in KINDS for name, fields in kind.TRIALS.items()}
 # Variants whose graphs hold nothing that no other's does.
-SLOW = {"xmae-small", "xmae-large", "xmae-mae", "xmae-bert", "convae-vanilla"}
+SLOW = {"xmae-small", "xmae-large", "xmae-mae", "xmae-bert", "xmae-letter", "convae-vanilla"}
 # What is asked of the export rather than of the network: a plain one, one with attention, one that samples.
 PLAIN = {"tiny", "xmae-default", "trajevae"}
 
@@ -153,6 +153,24 @@ def test_losses_are_one_a_row_and_gradients_finite(trial, seen):
     assert gradients and all(each.isfinite().all() for each in gradients)
     network.zero_grad(set_to_none=True)
     network.eval()
+
+
+def test_an_answer_does_not_depend_on_what_else_is_asked(trial):
+    """One query's loss alone, once beside these other queries and once beside those."""
+    positions, observed = trial.windows(4)
+    arrays = trial.network.batch(positions, observed, np.random.default_rng(3), 0)
+    if "asked" not in arrays:
+        pytest.skip("it answers everything, always")
+    asked, tokens = arrays["asked"], observed[0].size
+    others = np.array([np.setdiff1d(np.arange(tokens), row)[: len(row) - 1] for row in asked])
+    alone = np.zeros_like(arrays["weight"])
+    alone[:, 0] = 1
+    losses = []
+    for rest in (asked[:, 1:], others):
+        changed = {**arrays, "weight": alone, "asked": np.concatenate([asked[:, :1], rest], axis=1)}
+        with torch.inference_mode():
+            losses.append(trial.network.loss({name: torch.from_numpy(each) for name, each in changed.items()}, 0))
+    np.testing.assert_allclose(losses[0]["loss"], losses[1]["loss"], rtol=1e-4)
 
 
 # Windows

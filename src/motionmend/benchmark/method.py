@@ -32,7 +32,8 @@ class Method:
         not fill; None for what cannot fill.
     restore : `(positions, observed, fps, skeleton) -> positions`, may rewrite every sample (filters, networks;
         "none" rewrites nothing).
-    sample : `(pose (B, J, 3), trajectories (B, T, J, 3), given (B, T, J), count K, seed) -> (B, K, T, J, 3)`.
+    sample : `(pose (B, J, 3), trajectories (B, T, J, 3), given (B, T, J), count K, seed) -> (B, K, T, J, 3)`;
+        for K = 1 the one best guess, whatever the seed.
     most : how many samples may be asked of it in a column, where more would take hours; None for any number.
     about : what it is, for the table's footnote. budget : what a network was trained with.
     """

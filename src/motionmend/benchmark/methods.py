@@ -57,6 +57,8 @@ def of_completer(name: str, completer: NetworkCompleter) -> Method:
     Windows of its own rate, length and joints go straight through it, others by way of its `predict`.
     """
 
+    from ..networks.generative import GenerativeCompleter
+
     def restore(positions: Array, observed: Array, fps: float, skeleton: Skeleton) -> Array:
         fits = completer.description.any_length or completer.frames == positions.shape[1]
         if fits and completer.fps == fps and completer.skeleton.names == skeleton.names:
@@ -66,17 +68,21 @@ def of_completer(name: str, completer: NetworkCompleter) -> Method:
     def fill(positions: Array, observed: Array, fps: float, skeleton: Skeleton) -> Array:
         return np.where(observed[..., None], positions, restore(positions, observed, fps, skeleton))
 
-    def answer(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
-        """What a network that is not generative makes of a pose and paths: its one answer, for every sample."""
+    def sample(pose: Array, trajectories: Array, given: Array, count: int, seed: int) -> Array:
+        """A network's best guess, of a generative one the prior's mean decoded, where one is asked for.
+
+        Of several a generative network draws each; another has its one answer, for every sample.
+        """
         from ..networks.completers import begun
 
-        del seed
+        if count > 1 and isinstance(completer, GenerativeCompleter):
+            return completer.sample_windows(pose, trajectories, given, count, seed)
         once = completer.windows(*begun(pose, trajectories, given))[:, None, 1:]
         return np.broadcast_to(once, (len(once), count, *once.shape[2:])).copy()
 
     about = "network: raw prediction; as a fill, with the observed samples put back"
-    sample = getattr(completer, "sample_windows", answer if completer.description.any_length else None)
-    return Method(name, fill, restore, sample, about, completer.budget)
+    samples = isinstance(completer, GenerativeCompleter) or completer.description.any_length
+    return Method(name, fill, restore, sample if samples else None, about, completer.budget)
 
 
 def fold(positions: Array, observed: Array, fps: float) -> Motion:

@@ -75,7 +75,7 @@ def write_card(facts: Mapping[str, Any], title: str) -> str:
 
 def only_fills(facts: Mapping[str, Any]) -> bool:
     """Whether a network leaves what it is shown as it is, wherever that is."""
-    return facts["space"] == "poses_off_curves" or facts["config"].get("begin") == "curve"
+    return facts["space"].startswith("poses_off_curves") or facts["config"].get("begin") == "curve"
 
 
 _USE_FILL = "fixed = completer.complete(take.motion)   # what is unobserved is filled\n"

@@ -161,6 +161,24 @@ class PosesOffCurves(PosesOnCurves):
         return np.minimum(nearest / LEEWAY, 1)[..., None].astype(np.float32) ** 2
 
 
+class PosesOffCurvesAsked(PosesOffCurves):
+    """PosesOffCurves for a network that answers what it is asked: that is what is not observed, nothing else counts.
+
+    One more input: `asked (B, Q)` int64, the tokens, frame · J + joint, that are not observed, Q the most that a window
+    of the batch has, or 1; -1 where a window has fewer.
+    """
+
+    name = "poses_off_curves_asked"
+
+    def encode(self, positions: Array, observed: Array) -> tuple[dict[str, Array], Any]:
+        inputs, known = super().encode(positions, observed)
+        seen = observed.reshape(len(observed), -1)
+        count = np.maximum((~seen).sum(axis=1), 1)  # attention among none is not a number
+        most = int(count.max(initial=1))
+        hidden = np.argsort(seen, axis=1, kind="stable")[:, :most]
+        return {**inputs, "asked": np.where(np.arange(most) < count[:, None], hidden, -1)}, known
+
+
 class PosesSmoothCurves(PosesOnCurves):
     """PosesOnCurves for noisy samples: the curve is smoothed before answers are differences from it.
 
@@ -218,7 +236,7 @@ class BodyRows:
         root, heading = rows.path_of(positions, observed)
         standing = STANDING + UPRIGHT
         poses = np.where(observed[..., None], rows.seen_from(positions, root, heading) - standing, 0)
-        poses = along_bones(poses.astype(np.float32), observed, BODY.parents)[0] + standing
+        poses = self.between(poses.astype(np.float32), observed) + standing
         there = np.asarray(observed.any(axis=2))
         onward = there & np.roll(there, 1, axis=1)
         onward[:, :1] = onward[:, 1:2] if there.shape[1] > 1 else there
@@ -228,14 +246,28 @@ class BodyRows:
             root, heading, there
         )  # fmt: skip
 
+    def between(self, poses: Array, observed: Array) -> Array:
+        """Poses `(B, T, J, 3)`, 0 where not observed, with what stands there instead."""
+        return along_bones(poses, observed, BODY.parents)[0]
+
     def decode(self, output: Array, known: tuple[Array, Array, Array]) -> Array:
         poses = output[..., 3:-3].reshape(*output.shape[:2], -1, 3)
         root, heading = rows.travelled(output[..., -3:], *known)
         return rows.in_world(poses, root, heading).astype(np.float32)
 
 
-_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, PosesSmoothCurves,
-                               FirstPelvis, BodyRows, BesideCurves)  # fmt: skip
+class SeenRows(BodyRows):
+    """BodyRows for a network that does not look at what is not known: no curves run there, joints stand as STANDING."""
+
+    name = "seen_rows"
+
+    def between(self, poses: Array, observed: Array) -> Array:
+        del observed
+        return poses
+
+
+_ALL: tuple[type[Space], ...] = (FloorMean, JointTokens, PosesOnCurves, PosesOffCurves, PosesOffCurvesAsked,
+                               PosesSmoothCurves, FirstPelvis, BodyRows, SeenRows, BesideCurves)  # fmt: skip
 SPACES: dict[str, type[Space]] = {space.name: space for space in _ALL}
 
 

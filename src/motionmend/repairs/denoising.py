@@ -36,7 +36,7 @@ SAVGOL_ORDER = 3
 
 
 FILTERS = ("butterworth", "savgol")
-FILLS_ONLY = "poses_off_curves"  # the space of networks whose answer for what they see is what they see
+FILLS_ONLY = "poses_off_curves"  # spaces of networks whose answer for what they see is what they see
 STILL = 1e-7  # channels that vary less are constant by intent
 
 
@@ -175,7 +175,7 @@ def load_denoiser(name_or_path: str) -> NetworkCompleter:
 
 
 def _by_network(moving: Moving, network: NetworkCompleter, mapping: Mapping | None) -> Moving:
-    if network.description.space == FILLS_ONLY:
+    if network.description.space.startswith(FILLS_ONLY):
         raise InputError(
             f"{network.name} was trained to fill, and leaves whatever it sees as it is: it cannot denoise",
             hint="use butterworth or savgol, or train one with --network.curves on --network.damage takes",

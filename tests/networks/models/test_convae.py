@@ -8,6 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from learning import losses_of  # noqa: E402
+from motionmend.networks import spaces  # noqa: E402
 from motionmend.networks.loading import module_completer  # noqa: E402
 from motionmend.networks.models.convae import ConvAE, ConvAEConfig  # noqa: E402
 from motionmend.networks.models.holden import Holden, HoldenConfig  # noqa: E402
@@ -116,6 +117,26 @@ def test_without_a_curriculum_all_gaps_have_one_length():
     net = network(**SMALL, curriculum=0, gap=60)
     gone = ~batch_of(net, *windows(count=16))["known"].numpy()
     assert set(gone[..., 0].sum(axis=1)) == {60}
+
+
+def test_a_network_that_begins_at_zeros_makes_no_curves(monkeypatch):
+    """They cost nearly all of a batch and were multiplied by nothing; what is known is as it was with them."""
+    positions, observed = windows()
+    observed[:, 80:160] = False
+    observed[:, :, 5] = False
+    rows, known = (SPACES[name]().encode(positions, observed) for name in ("body_rows", "seen_rows"))
+    there = rows[0]["known"].repeat(3, axis=2)
+    assert np.array_equal(rows[0]["rows"][there], known[0]["rows"][there])
+    assert not np.array_equal(rows[0]["rows"], known[0]["rows"])
+
+    def never(*_):
+        raise AssertionError("a curve was made")
+
+    monkeypatch.setattr(spaces, "along_bones", never)
+    for net in (network(**SMALL), network(Holden, HoldenConfig, features=4, width=5)):
+        net.batch(*windows(), np.random.default_rng(0), 3000)
+    with pytest.raises(AssertionError, match="a curve was made"):
+        network(**SMALL, begin="curve").batch(*windows(), np.random.default_rng(0), 3000)
 
 
 def test_rows_are_normalised_by_what_was_measured():

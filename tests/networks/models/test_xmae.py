@@ -9,6 +9,7 @@ torch = pytest.importorskip("torch")
 
 from learning import losses_of  # noqa: E402
 from motionmend.body.standing import STANDING  # noqa: E402
+from motionmend.errors import InputError  # noqa: E402
 from motionmend.fills.points import FILLS  # noqa: E402
 from motionmend.motion import Motion  # noqa: E402
 from motionmend.networks.models.xmae import XMAE, XMAEConfig  # noqa: E402
@@ -40,7 +41,8 @@ def answer(net: XMAE, positions: np.ndarray, observed: np.ndarray) -> np.ndarray
 
 
 def test_it_has_the_papers_size():
-    assert parameters() == 5_664_003  # "5.6M parameters", section 4.1
+    assert parameters() == 5_664_003
+    assert parameters(codes="shared", structured=False) == 5_588_355  # "5.6M parameters", section 4.1, with equation 4
     assert parameters(size="small") < parameters() / 3.9
     assert parameters(size="large") > parameters() * 3.9
 
@@ -97,6 +99,89 @@ def test_training_on_some_tokens_asks_the_same_of_the_network_as_on_all(decoder)
         np.testing.assert_allclose(net.loss(batch, 0)["loss"], net.loss(shuffled, 0)["loss"], rtol=1e-4)
 
 
+@pytest.mark.parametrize(
+    "fields", [{}, {"curves": "on", "damage": "takes"}, {"curves": "smooth", "damage": "wrong"}], ids=str
+)
+def test_who_is_asked_does_not_tell_what_is_wrong(fields):
+    """The same damage, all tokens asked and some: as many of those that are asked are displaced as of all."""
+    positions, observed = (np.tile(each, (20, *[1] * (each.ndim - 1))) for each in windows(8))
+    shares = []
+    for asked in (0, 90):
+        net = network(size="small", encoder_depth=1, decoder_depth=1, query_attention=False, asked=asked, **fields)
+        arrays = net.batch(positions, observed, np.random.default_rng(4), 0)
+        shown = arrays["weight"] == 1
+        if not fields:  # hidden ones have the same weight there, and everybody sees that they are not there
+            place = np.where(arrays["there"], arrays["index"], 1260)
+            seen = np.zeros((len(positions), 1261), bool)
+            np.put_along_axis(seen, place, True, axis=1)
+            shown &= seen[:, :-1] if not asked else np.take_along_axis(seen, arrays["asked"], axis=1)
+        shares.append(shown.mean())
+    assert shares[0] > 0.04
+    assert abs(shares[1] - shares[0]) < 0.12 * shares[0]  # five standard deviations of 160 times 90 draws
+
+
+def test_some_queries_of_those_that_meet_are_refused():
+    net = network(size="small", encoder_depth=1, asked=90)
+    with pytest.raises(InputError, match="no-query-attention"):
+        net.batch(*windows(2), np.random.default_rng(0), 0)
+
+
+@pytest.mark.parametrize("meet", [True, False])
+def test_in_use_only_what_is_hidden_is_asked(meet):
+    """Weights that were trained on some queries that met, as those that shipped first, still run."""
+    net, lengths = network(size="small", encoder_depth=1, curves="off", asked=90, query_attention=meet), []
+    torch.nn.init.normal_(net.head.weight)  # an untrained one answers nothing anywhere
+    positions, observed = windows(3)
+    observed[0, 20:40], observed[1, 25:30, 4] = False, False
+    for block in net.decoder:
+        assert block.cross is not None
+        block.cross.register_forward_pre_hook(lambda _, args: lengths.append(args[0].shape[1]))
+    together = answer(net, positions, observed)
+    assert set(lengths) == {20 * 21}
+    np.testing.assert_allclose(together[observed], positions[observed], atol=1e-6)
+    curve = answer(network(size="small", curves="off"), positions, observed)
+    assert np.abs(together - curve)[~observed].min(axis=-1).max() > 0.01
+    for row in range(3):  # what fills up the shorter lists is nobody's business
+        alone = answer(net, positions[row : row + 1], observed[row : row + 1])
+        np.testing.assert_allclose(together[row : row + 1], alone, atol=1e-5)
+
+
+@pytest.mark.parametrize("decoder", ["mae", "bert"])
+def test_the_other_decoders_are_told_the_curve_too(decoder):
+    net = network(size="small", decoder=decoder, curves="on", encoder_depth=1, decoder_depth=1)
+    torch.nn.init.normal_(net.head.weight)
+    positions, observed = windows(2)
+    arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
+    batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    net.loss(batch, 0)["loss"].sum().backward()
+    assert net.begin is not None and net.begin.weight.grad is not None and net.begin.weight.grad.abs().max() > 0
+    told = {name: batch[name] for name in ("tokens", "index", "there", "curve")}
+    with torch.inference_mode():
+        moved = net(**{**told, "curve": told["curve"] + 0.1}) - net(**told)
+    assert moved.abs().amax(dim=-1).min() > 1e-4  # at every joint of every frame
+
+
+def test_where_all_tokens_are_there_training_has_no_mask(monkeypatch):
+    """Fast attention on GPUs takes none."""
+    net, masks = network(size="small", encoder_depth=1), []
+    plain = torch.nn.functional.scaled_dot_product_attention
+
+    def spied(*args, attn_mask=None):
+        masks.append(attn_mask)
+        return plain(*args, attn_mask=attn_mask)
+
+    monkeypatch.setattr(torch.nn.functional, "scaled_dot_product_attention", spied)
+    positions, observed = windows(2)
+    arrays = net.batch(positions, observed, np.random.default_rng(0), 0)
+    batch = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    fast = net.loss(batch, 0)["loss"]
+    assert masks and all(mask is None for mask in masks)
+    padded = {**batch, **{name: torch.nn.functional.pad(batch[name], (0, 0, 0, 1) if name == "tokens" else (0, 1))
+                          for name in ("tokens", "index", "there")}}  # fmt: skip
+    np.testing.assert_allclose(fast.detach(), net.loss(padded, 0)["loss"].detach(), rtol=1e-5)
+    assert masks[-1] is not None
+
+
 def test_the_loss_is_over_masked_and_displaced_tokens_and_with_bert_over_some_clean_ones():
     positions, observed = windows(2)
     for decoder, counted in (("cross", 0.90), ("mae", 0.90), ("bert", 0.95)):
@@ -111,9 +196,9 @@ def test_the_loss_is_over_masked_and_displaced_tokens_and_with_bert_over_some_cl
     [
         {},
         {"mirror": True, "resize": 0.2},
-        {"curves": "on", "damage": "takes", "mirror": True, "asked": 90},
-        {"curves": "off", "damage": "gaps", "asked": 90},
-        {"curves": "smooth", "damage": "wrong", "asked": 90},
+        {"curves": "on", "damage": "takes", "mirror": True, "query_attention": False, "asked": 90},
+        {"curves": "off", "damage": "gaps", "query_attention": False, "asked": 90},
+        {"curves": "smooth", "damage": "wrong", "query_attention": False, "asked": 90},
     ],
     ids=["paper", "augmented", "on curves", "off curves", "smooth curves"],
 )

@@ -55,6 +55,7 @@ class ConvAE(OverRows):
 
     def __init__(self, config: ConvAEConfig, joints: int):
         super().__init__(config, joints)
+        self.space = "body_rows" if config.begin == "curve" else "seen_rows"
         channels = config.channels or CHANNELS[config.kind]
         inward = (1 if config.begin == "zeros" else 2, *channels[:-1])
         outward = (1, *channels[:-1])  # mirrored: the last layer of a unit changes the channels

@@ -16,7 +16,7 @@ from ...body.joints import BODY
 from ...damage import corruption
 from ...errors import InputError
 from ..rows import ROWS
-from ..spaces import SPACES, mirrored
+from ..spaces import SPACES, SeenRows, mirrored
 from .network import Network
 
 Array = np.ndarray
@@ -47,7 +47,7 @@ class RowsConfig:
 class OverRows(Network):
     """A network that answers with normalised rows to rows that are known in part; any number of frames."""
 
-    space = "body_rows"
+    space = "seen_rows"
     fps = 60.0
     frames = 240
     any_length = True
@@ -76,7 +76,7 @@ class OverRows(Network):
         truth = np.where(observed[..., None], positions, np.float32(0))
         if self.config.mirror:
             truth, observed = mirrored(truth, observed, rng.random(len(truth)) < 0.5)
-        whole, _ = space.encode(truth, observed)
+        whole, _ = SeenRows().encode(truth, observed)  # where nothing is known, nothing counts
         inputs, _ = space.encode(truth, observed & ~self._hidden(truth, observed, rng, step))
         wanted = whole["known"] & ~inputs["known"] if self.config.error == "rms" else whole["known"]
         return {**inputs, "target": whole["rows"], "weight": wanted.astype(np.float32)}
