@@ -66,6 +66,67 @@ def test_the_same_command_with_resume_is_understood_whatever_its_switches_were(t
     assert again.resume and first.network.mirror and again.network.mirror and not again.compile
 
 
+# The papers' own numbers, typed off the papers and the authors' code, not taken from the package.
+XMAE = {"batch": 128, "lr": 3e-4, "betas": (0.9, 0.999), "schedule": "cosine", "clip": 0, "ema": 0}
+CONVAE = {"batch": 80, "lr": 1e-3, "betas": (0.9, 0.999), "schedule": "constant", "warmup": 0, "clip": 0, "ema": 0}
+TRAJEVAE = {"batch": 64, "lr": 1e-4, "betas": (0.9, 0.99), "schedule": "step", "step_every": 80_000, "warmup": 0,
+            "clip": 0, "ema": 0, "steps": 240_000}  # fmt: skip
+PAPERS = [
+    ("xmae", "h36m", XMAE | {"steps": 60_000}, {"codes": "shared", "structured": False, "masked": 0.85, "asked": 0}),
+    ("xmae", "holden", XMAE | {"steps": 100_000}, {"codes": "shared", "structured": False, "displaced": 0.05}),
+    ("xmae", "cmu", XMAE | {"steps": 100_000}, {"codes": "shared", "structured": False, "query_attention": True}),
+    ("xmae", "amass", XMAE | {"steps": 240_000}, {"codes": "shared", "structured": False, "curves": ""}),
+    *((name, data, TRAJEVAE, {}) for name in ("cvae-rnn", "infilling") for data in ("h36m", "cmu")),
+    *(("trajevae", data, TRAJEVAE, {"xavier": True, "dropout": 0.1, "kl": 0.01}) for data in ("h36m", "cmu")),
+    ("convae", "holden", CONVAE | {"steps": 58_704}, {"curriculum": 58_704, "error": "l1", "begin": "zeros"}),
+    ("convae --network.curriculum 0", "holden", CONVAE | {"steps": 29_204}, {"curriculum": 0, "gap": 60}),
+    ("convae --network.kind vanilla", "cmu", CONVAE | {"steps": 18_521}, {"curriculum": 0, "gap": 60}),
+    ("holden", "holden", CONVAE | {"steps": 20_285, "lr": 1e-5}, {"curriculum": 0, "error": "l2", "dropout": 0.25}),
+    ("holden", "amass", CONVAE | {"steps": 20_285, "lr": 1e-5}, {"features": 256, "width": 25}),
+]
+
+
+@pytest.mark.parametrize(("name", "data", "wanted", "network"), PAPERS)
+def test_a_papers_own_training_is_one_word(tmp_path, name, data, wanted, network):
+    found = parsed(["train", *name.split(), "--paper", data, "--corpus", "a.corpus", "-o", str(tmp_path / "run")])
+    assert {key: getattr(found, key) for key in wanted} == wanted
+    assert {key: getattr(found.network, key) for key in network} == network
+
+
+@pytest.mark.parametrize(("data", "climb"), [("h36m", 1_200), ("holden", 2_200), ("amass", 5_000)])
+def test_xmaes_rate_climbs_for_so_many_steps(tmp_path, data, climb):
+    found = parsed(["train", "xmae", "--paper", data, "--corpus", "a.corpus", "-o", str(tmp_path / "run")])
+    assert rate(found, climb - 2) < rate(found, climb - 1) == found.lr == rate(found, climb) > rate(found, climb + 100)
+
+
+def test_flags_and_files_win_over_a_paper(tmp_path):
+    file = tmp_path / "some.toml"
+    file.write_text("batch = 7\n[network]\ncurriculum = 0\n")
+    said = ["train", "convae", "--paper", "holden", "--corpus", "a.corpus", "-o", str(tmp_path / "run"), "--lr", "0.1"]
+    by_file = parsed([*said, "--config", str(file)])
+    assert (by_file.lr, by_file.batch, by_file.steps, by_file.network.curriculum) == (0.1, 7, 29_204, 0)
+
+
+def test_steps_alone_scale_the_curriculum(tmp_path):
+    file = tmp_path / "some.toml"
+    file.write_text("steps = 300\n")
+    said = ["train", "convae", "--corpus", "a.corpus", "-o", str(tmp_path / "run")]
+    for words, steps, curriculum in (
+        ([], 7_000, 7_000), (["--steps", "500"], 500, 500), (["--paper", "holden", "--steps", "900"], 900, 900),
+        (["--config", str(file)], 300, 300), (["--config", str(file), "--steps", "400"], 400, 400),
+        (["--steps", "500", "--network.curriculum", "80"], 500, 80),
+        (["--steps", "500", "--network.curriculum", "0"], 500, 0),
+    ):  # fmt: skip
+        found = parsed([*said, *words])
+        assert (found.steps, found.network.curriculum) == (steps, curriculum)
+    assert parsed(["train", "holden", *said[2:], "--steps", "500"]).network.curriculum == 0
+
+
+def test_a_network_without_a_paper_is_told_so(tmp_path, capsys):
+    assert main(["train", "toys:Line", "--paper", "cmu", "--corpus", "a.corpus", "-o", str(tmp_path / "run")]) == 1
+    assert "no paper says how to train toys:Line" in capsys.readouterr().err
+
+
 def test_settings_come_back_from_toml(tmp_path):
     given = settings("my corpora/a.corpus", betas=[0.1, 0.2], schedule="step", network={"dropout": 0.125})
     path = tmp_path / "config.toml"

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, Optional, get_type_hints
 
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional, Suppress, arg
 
 from ..errors import InputError
 from ..networks.models import network_class
+from ..training import papers
 from ..training.config import Settings, read, settle
+from ..training.papers import Data
 from .common import Output
 
 File = Annotated[Path | None, arg(metavar="FILE")]
@@ -31,6 +33,9 @@ class Train(Settings):
     """The run's folder: settings, checkpoints, logs, samples and, in the end, the exported network."""
     config: File = None
     """A TOML file of options, such as a run's config.toml. Flags win over it, it wins over the network's defaults."""
+    paper: Annotated[Optional[Data], arg(metavar="DATA")] = None
+    """Train as the network's own paper did on holden, h36m, amass or cmu: its steps, batch, rates, schedule and
+    initialisation, and none of our clipping, averaging or structure. --config and flags win over it."""
     resume: bool = False
     """Continue the run in the folder from its last checkpoint, with its settings; start it if there is none."""
     network: Suppress[Any] = None
@@ -56,7 +61,7 @@ def parsed(argv: Sequence[str]) -> Any:
 def train_command(argv: Sequence[str]) -> type[Train]:
     """The class of options for `train` with these arguments, those after the verb.
 
-    It has the named network's own options, and the defaults that the network, the run to resume and the
+    It has the named network's own options, and the defaults that the network, its paper, the run to resume and the
     --config file give; so flags are all that is left to win over them. Where no network is named
     (`train --help`) it is the plain class, and nothing heavy is imported.
     """
@@ -73,6 +78,11 @@ def train_command(argv: Sequence[str]) -> type[Train]:
         saved = first.output / "config.toml"
         layers += [read(saved, name)] if first.resume and saved.is_file() else []
         layers += [read(first.config, name)] if first.config else []
+        if first.paper:
+            asked = tyro.cli(with_defaults(settle(name, network, *layers)), args=argv, prog="motionmend train")
+            layers.insert(0, papers.layer(name, first.paper, asked.network))
+        if first.steps != settle(name, network).steps:  # what lasts as long as the training goes by it
+            layers.append({"steps": first.steps})
     return with_defaults(settle(name, network, *layers))
 
 

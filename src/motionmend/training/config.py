@@ -105,6 +105,9 @@ def settle(name: str, network: type, *layers: Mapping[str, Any]) -> Settings:
         values |= {key: value for key, value in layer.items() if key != "network"}
         sizes |= layer.get("network", {})
     config = network.Config  # type: ignore[attr-defined]
+    for field in getattr(network, "LASTING", ()):
+        if field not in sizes and getattr(config(), field):
+            sizes[field] = values.get("steps", Settings.steps)
     return typed(Settings, values | {"network": typed(config, sizes, f"[network] of {name}")}, "settings")
 
 

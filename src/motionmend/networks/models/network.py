@@ -47,6 +47,8 @@ class Network(nn.Module):
     """Small configurations that the contract suite tries: a name, and fields of its Config."""
     DEFAULTS: ClassVar[dict[str, Any]] = {}
     """Training options in which it differs from the loop's defaults: {"batch": 128, "lr": 3e-4}."""
+    LASTING: ClassVar[tuple[str, ...]] = ()
+    """Fields of its Config that are numbers of steps and end with the training, unless they are given or 0."""
 
     def __init__(self, config: Any, joints: int):
         super().__init__()

@@ -32,7 +32,8 @@ class RowsConfig:
     """What training hides and minimises (section 3.3): the paper's values; `damage` and what follows are ours."""
 
     curriculum: int = 7_000
-    """Steps over which gaps grow and more joints are lost, the paper's 200 epochs; 0 for gaps of always one length."""
+    """Steps over which gaps grow and more joints are lost, the paper's 200 epochs: those of the training unless given;
+    0 for gaps of always one length."""
     gap: int = 60
     """Frames, the length of all training gaps where there is no curriculum."""
     damage: Literal["paper", "takes"] = "paper"
@@ -56,6 +57,7 @@ class OverRows(Network):
     DEFAULTS: ClassVar[dict[str, Any]] = {
         "batch": 80, "lr": 1e-3, "steps": 7_000, "schedule": "constant", "stride": 120,
     }  # fmt: skip
+    LASTING: ClassVar[tuple[str, ...]] = ("curriculum",)
     mean: Tensor
     spread: Tensor
 

@@ -32,7 +32,7 @@ AWAY = 25  # frames, from which on joints that went at PACE are not expected to 
 
 @dataclass(frozen=True)
 class TrajeVAEConfig:
-    """The first fields are the paper's and have its values; `patch` and what follows are ours, and off."""
+    """The first fields, up to `kl`, are the paper's and have its values; what follows `xavier` is ours, and off."""
 
     size: Literal["paper", "medium", "small"] = "paper"
     """Width and layers of a stack: 512 and 2, 256 and 1, 192 and 1."""
@@ -48,6 +48,8 @@ class TrajeVAEConfig:
     """Share of the joints whose trajectories training gives."""
     kl: float = 0.01
     """Weight of the divergence of posterior and prior."""
+    xavier: bool = False
+    """Attention begins as in the authors' code, by torch's MultiheadAttention, rather than as any linear layer."""
     patch: int = 1
     """Frames that make a token together."""
     coefficients: int = 0
@@ -170,6 +172,10 @@ class TrajeVAE(Network):
         self.decoder = stack(config)
         self.offsets = bottleneck(width, width, 3 * joints * config.patch)
         self.drop = nn.Dropout(config.dropout)
+        for layer in (each for each in self.modules() if isinstance(each, Layer) and config.xavier):
+            nn.init.xavier_uniform_(layer.query_key_value.weight)
+            nn.init.zeros_(layer.query_key_value.bias)
+            nn.init.zeros_(layer.out.bias)
         self.register_buffer("cosines", dct(tokens)[:kept] if config.dct else torch.eye(tokens), persistent=False)
         self.register_buffer("positions", sines(tokens, width), persistent=False)
         self.register_buffer("slow", dct(later)[:SLOW], persistent=False)

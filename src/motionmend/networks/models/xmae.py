@@ -49,6 +49,8 @@ class XMAEConfig:
     """Metres, the farthest that training displaces them."""
     clean: float = 0.05
     """Share of all tokens that are shown as they are and count in the loss with `bert`."""
+    turn: bool = True
+    """Training turns windows about the vertical at random, as in section 4.1; off for data without rotation."""
     structured: bool = True
     """Training begins with codes that are alike for near frames, and attention that looks near by them."""
     codes: Literal["own", "shared"] = "own"
@@ -241,7 +243,7 @@ class XMAE(Network):
         space = SPACES[self.space]()
         inputs, known = space.encode(damaged, seen)
         # After normalisation, as section 4.1 has it; from curves, the space has turned the bodies to face one way.
-        angles = rng.uniform(-np.pi, np.pi, rows)
+        angles = rng.uniform(-np.pi, np.pi, rows) * c.turn
         if c.curves:
             angles = known[1]
         else:
