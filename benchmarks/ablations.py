@@ -26,7 +26,7 @@ from shared import head, parser, row
 TABLES: dict[str, tuple[dict[str, object], dict[str, object], dict[str, dict[str, object]]]] = {
     "xmae": (
         {"batch": 20, "lr": 1e-3, "ema": 0.98},
-        {"size": "small", "curves": "on", "head": 16, "encoder_depth": 2, "decoder_depth": 2, "asked": 128},
+        {"size": "small", "curves": "on", "head": 16, "encoder_depth": 2, "decoder_depth": 2},
         {
             "base: 85 % masked, 5 % displaced by up to 1 m, cross, decoder depth 2, small": {},
             "75 % masked": {"masked": 0.75},

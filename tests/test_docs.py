@@ -71,6 +71,12 @@ def test_no_page_links_to_a_page_that_is_not_there():
             assert target.startswith("https://") or (page.parent / target).exists(), (page.name, target)
 
 
+def test_tests_that_pages_name_are_there():
+    for page in PAGES:
+        for file, name in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page.read_text("utf-8")):
+            assert f"\ndef {name}(" in (ROOT / file).read_text("utf-8"), (page.name, file, name)
+
+
 @pytest.mark.parametrize(
     ("script", "words"),
     [

@@ -274,6 +274,19 @@ def test_noise_has_the_length_of_a_gaussian(walking):
     assert all(a < b for a, b in zip(smooth, expected))
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("convae", ["it also disturbs the path, heading and travel", "short"]),
+        ("trajevae", ["does not turn pairs", "counts a window with itself", "its prior's mean"]),
+        ("xmae", ["axis-angle", "table 3 is without global translation and rotation", "but the hips'"]),
+    ],
+)
+def test_where_a_table_is_not_the_papers_it_says_so(name, words):
+    for word in words:
+        assert word in protocol(name).PROTOCOL.describe
+
+
 def test_noise_on_rotations_keeps_bones_and_hips():
     truth = np.stack([wandering(60, seed) for seed in range(40)])
     sigma = 0.05

@@ -326,6 +326,32 @@ def test_two_builds_are_byte_identical(raw, tmp_path):
     assert set(bytes_of(first.path)) == names
 
 
+def test_a_local_corpus_knows_neither_where_bodies_are_nor_how_they_face(tmp_path):
+    """One take as it is and one turned and led round a circle are the same poses; hips stay, all face +z."""
+    still = person(120, seed=3)
+    inside = still.positions - np.arange(120)[:, None, None] / 60 * np.array([0.5, 0, 0])
+    angle = 0.6 + np.arange(120)[:, None] / 60
+    x, y, z = np.moveaxis(inside, -1, 0)
+    around = np.stack([x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)], axis=-1)
+    around += np.stack([4 * np.sin(angle / 2), 0 * angle, 4 * np.cos(angle / 2)], axis=-1)
+    for name, positions in (("a", inside), ("b", around)):
+        save(tmp_path / "raw" / f"{name}.npz", still, positions=positions.astype(np.float32))
+    corpus = build("folder", tmp_path / "raw", tmp_path / "x.corpus", local=True)
+    assert corpus.name == "raw-local" and len(corpus.clips) == 2
+    one, other = (corpus.motion(clip).positions for clip in corpus.clips)
+    # Twenty frames of smoothing lag behind at the ends of a turn of a radian a second.
+    np.testing.assert_allclose(one[60:-60], other[60:-60], atol=0.02)
+    assert np.abs(one - other).max() < 0.25 < 4
+    for poses in (one, other):
+        assert np.abs(poses[:, 0, [0, 2]]).max() < 0.05 and abs(np.median(poses[:, 0, 1]) - 0.95) < 0.03
+        across = poses[:, JOINT["left_thigh"]] - poses[:, JOINT["right_thigh"]]
+        assert (across[:, 0] > 0.9 * np.linalg.norm(across[:, [0, 2]], axis=1)).all()
+    plain = build("folder", tmp_path / "raw", tmp_path / "y.corpus")
+    assert np.abs(np.diff([plain.motion(clip).positions for clip in plain.clips], axis=0)).max() > 3
+    with pytest.raises(InputError, match="BODY's joints"):
+        build("folder", tmp_path / "raw", tmp_path / "z.corpus", local=True, native=True)
+
+
 def test_splits_rates_and_subjects_from_a_table(raw, tmp_path):
     table = raw / "splits.csv"  # beside the takes, where it must not be taken for one
     rows = ["file,split,fps,subject,remark", "a/walk.npz,test,60,,x", "gone.npz,train,,,", "b/walk.npz,train,,ann,"]

@@ -80,6 +80,8 @@ PROTOCOL = Protocol(
         "Body-local errors are between poses relative to each motion's own root path and heading: the paper's "
         "rows of networks, where these are overwritten with the truth. Errors in the world are the paper's row "
         "Linear Interpolation, read at linear. Means and standard deviations in cm over all joints and frames. "
+        "The noise is on positions in the world, so it also disturbs the path, heading and travel that a network is "
+        "shown; the authors add it to poses in body-local space and leave the travel clean. "
         "Bone lengths: percentiles over windows and frames, in per cent of the true length (figure 5)."
     ),
     unjudged=tuple(BONES),

@@ -51,7 +51,8 @@ PROTOCOL = Protocol(
     describe=(
         "Kania et al. 2021, section 4: windows of 1 + 100 frames at 50 fps, every 25 frames. Given: the first "
         "pose and the paths of k joints in the order right foot, left foot, right hand, left hand, then by "
-        "variance to all 21. K samples, or one best guess. APD, ADE, FDE, MMADE, MMFDE are of poses with the hips "
+        "variance to all 21. K samples, or for K = 1 one best guess: a network's is its prior's mean, decoded. "
+        "APD, ADE, FDE, MMADE, MMFDE are of poses with the hips "
         "at the origin in every frame, the other 20 joints as one vector of 60, in m: about 4 times a mean error "
         "per joint, and not to be compared to the paper's 48 to the digit. ADE and FDE are the least over the "
         "samples; MM: the mean over all windows of the split whose start pose lies within 0.5. Control error: "
@@ -59,7 +60,8 @@ PROTOCOL = Protocol(
         "of length against the start pose; both over all samples. Pop: the change of velocity right after the "
         "start pose; that, jitter and foot skate (of feet that are slow and low) are of the first sample. Other paths: "
         "the paths of another window of the split for the same pose, where the given joints begin within 1 cm of "
-        "theirs (appendix C); the other window's future is the truth."
+        "theirs (appendix C); the other window's future is the truth. The authors' code does not turn pairs to face "
+        "one way, counts a window with itself as a pair, and takes the future of the pose's own window for the truth."
     ),
     highest=("APD",),
     unjudged=("pop after the start pose",),

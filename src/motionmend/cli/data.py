@@ -33,6 +33,8 @@ class Build:
     """A CSV with the columns file and split (train, validation, test), and if you like subject and fps."""
     native: bool = False
     """Keep the data set's own joints instead of the 21 that networks speak."""
+    local: bool = False
+    """Without global translation and rotation: poses as seen from where the body stands and faces in each frame."""
     force: bool = False
     """Replace a corpus that is there."""
 
@@ -44,7 +46,7 @@ class Build:
         with following(self.output.name) as stage:
             corpus = build(
                 self.dataset, self.source, self.output, fps=self.fps, dtype=self.dtype, splits=self.splits,
-                native=self.native, force=self.force, stage=stage,
+                native=self.native, local=self.local, force=self.force, stage=stage,
             )  # fmt: skip
         print(f"written: {corpus.path}, {len(corpus.clips)} clips, {length(corpus, corpus.clips)}")
         print(told_dropped(corpus))

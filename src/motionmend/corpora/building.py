@@ -18,6 +18,7 @@ from ..body.measures import stature
 from ..constraints.ground import ground, leg_length
 from ..errors import InputError
 from ..motion import Motion
+from ..networks.rows import body_local
 from ..networks.windows import resample
 from ..progress import Stage, silent
 from .corpus import SPLITS, ClipInfo, Corpus, Dropped
@@ -60,6 +61,7 @@ def build(
     dtype: str = "float32",
     splits: str | Path | None = None,
     native: bool = False,
+    local: bool = False,
     force: bool = False,
     stage: Stage = silent,
 ) -> Corpus:
@@ -72,6 +74,8 @@ def build(
     splits : a CSV with the columns file and split, and optionally subject and (for "folder") fps, that wins
         over what the data set says.
     native : keep the data set's own joints rather than map them to BODY.
+    local : without global translation and rotation: poses as seen from where the body stands and faces in each frame
+        (`rows.body_local`), which is the data of table 3 of Björkstrand et al. 2023. The corpus's name says so.
     force : replace a corpus that is there.
 
     Raises
@@ -83,6 +87,8 @@ def build(
         raise InputError(f"no data set is named {dataset!r}", expected=f"one of {', '.join(DATASETS)}")
     if not 0 < fps <= 1000:
         raise InputError(f"a rate of {fps:g} fps", expected="frames per second above 0, such as 60")
+    if local and native:
+        raise InputError("poses as seen from the body need BODY's joints", hint="leave out --native or --local")
     if not source.is_dir():
         found = "no such folder" if not source.exists() else "this is a file"
         raise InputError(found, where=source, expected="a folder with the data set's files")
@@ -102,9 +108,13 @@ def build(
 
     dropped: list[Dropped] = []
     ready = _prepared(raws, table, dropped, float(fps), native)
+    name = module.NAME or source.resolve().name
+    if local:
+        ready = _seen_from_the_body(ready, dropped)
+        name += "-local"
     first = next(ready, None)
     return write_corpus(
-        target, name=module.NAME or source.resolve().name, fps=float(fps), dtype=dtype, licence=module.LICENCE,
+        target, name=name, fps=float(fps), dtype=dtype, licence=module.LICENCE,
         credit=module.CREDIT, skeleton=first.motion.skeleton if first else BODY, dropped=dropped, force=force,
         clips=_checked(chain([first], ready), dropped) if first else (),
     )  # fmt: skip
@@ -210,6 +220,18 @@ def _prepare(raw: Raw, fps: float, native: bool) -> Prepared:
         tuple(notes),
     )  # fmt: skip
     return Prepared(info, replace(motion, positions=lowered), raw.figure, leg_length(body))
+
+
+def _seen_from_the_body(clips: Iterable[Prepared], dropped: list[Dropped]) -> Iterator[Prepared]:
+    """The clips without global translation and rotation; those in which no heading is to be seen are dropped."""
+    for clip in clips:
+        motion = clip.motion
+        poses = body_local(np.where(motion.observed[..., None], motion.positions, np.nan)[None])[0]
+        seen = np.asarray(np.isfinite(poses).all(axis=-1))
+        if not seen.any():
+            dropped.append(Dropped(clip.info.file, "it is nowhere to be seen which way the body faces"))
+            continue
+        yield replace(clip, motion=replace(motion, positions=poses.astype(np.float32), observed=seen))
 
 
 def _checked(clips: Iterable[Prepared], dropped: list[Dropped]) -> Iterator[tuple[ClipInfo, Motion]]:

@@ -108,6 +108,18 @@ def test_a_layer_is_torchs_own():
 # Mathematics
 
 
+def test_attention_begins_as_torchs_own_where_it_is_asked_to():
+    torch.manual_seed(0)
+    theirs = torch.nn.MultiheadAttention(192, 4)
+    for xavier in (False, True):
+        net = TrajeVAE(TrajeVAEConfig(size="small", xavier=xavier), 21)
+        ours = [each for each in net.modules() if isinstance(each, Layer)]
+        spread = float(np.mean([each.query_key_value.weight.detach().std() for each in ours]))
+        wanted = float(theirs.in_proj_weight.detach().std())
+        assert (abs(spread - wanted) < 0.02 * wanted) == xavier
+        assert all(not each.query_key_value.bias.any() and not each.out.bias.any() for each in ours) == xavier
+
+
 def test_the_cosine_transform_is_scipys_and_orthonormal():
     cosines = trajevae.dct(100)
     x = np.random.default_rng(0).normal(size=(100, 5)).astype(np.float32)
