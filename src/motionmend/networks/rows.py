@@ -42,7 +42,8 @@ def path_of(positions: Array, observed: Array) -> tuple[Array, Array]:
     whole = Motion(np.where(observed[..., None], positions, 0).reshape(-1, len(BODY), 3),
                    observed.reshape(-1, len(BODY)), 60.0, BODY)  # fmt: skip
     ahead = facing(whole).reshape(*observed.shape[:2], 1, 3)
-    _, ahead = between_seen(ahead, np.asarray(np.isfinite(ahead).all(axis=-1)))
+    told = np.asarray(np.isfinite(ahead).all(axis=-1))
+    ahead = ahead if told.all() else between_seen(ahead, told)[1]
     ahead = gaussian_filter1d(ahead[:, :, 0].astype(float), HEADING_SIGMA, axis=1, mode="nearest")
     return root, np.where(ahead.any(axis=-1), np.arctan2(ahead[..., 0], ahead[..., 2]), 0.0)
 
@@ -55,12 +56,14 @@ def hips_of(positions: Array, observed: Array) -> Array:
         if known.all():
             break
         there = np.asarray(observed[:, :, carriers].all(axis=-1))
+        if not (there & ~known).any():
+            continue
         carrier = np.where(there[..., None], positions[:, :, carriers].mean(axis=2), 0)
         apart, _ = between_seen((hips - carrier)[:, :, None], (there & known)[:, :, None])
         hips = np.where((there & ~known)[..., None], carrier + apart[:, :, 0], hips)
         known = known | there
-    curve, _ = between_seen(hips[:, :, None].astype(np.float32), known[:, :, None])
-    return curve[:, :, 0]
+    hips = hips.astype(np.float32)
+    return hips if known.all() else between_seen(hips[:, :, None], known[:, :, None])[0][:, :, 0]
 
 
 def seen_from(positions: Array, root: Array, heading: Array) -> Array:
