@@ -338,6 +338,7 @@ def test_a_local_corpus_knows_neither_where_bodies_are_nor_how_they_face(tmp_pat
         save(tmp_path / "raw" / f"{name}.npz", still, positions=positions.astype(np.float32))
     corpus = build("folder", tmp_path / "raw", tmp_path / "x.corpus", local=True)
     assert corpus.name == "raw-local" and len(corpus.clips) == 2
+    assert corpus.contacts is None  # in the body's own eyes it is the ground that moves
     one, other = (corpus.motion(clip).positions for clip in corpus.clips)
     # Twenty frames of smoothing lag behind at the ends of a turn of a radian a second.
     np.testing.assert_allclose(one[60:-60], other[60:-60], atol=0.02)

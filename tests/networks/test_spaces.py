@@ -63,9 +63,11 @@ def test_what_goes_in_comes_back(name, seed, frames, hidden):
         "joint_tokens": lambda: unpacked(inputs, observed.shape),
         "poses_on_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
         "poses_off_curves": lambda: np.zeros_like(inputs["curve"][..., :3]),
+        "poses_off_curves_asked": lambda: np.zeros_like(inputs["curve"][..., :3]),
         "poses_smooth_curves": lambda: inputs["curve"][..., 9:12] / 10,  # a straight line through what is seen
         "body_rows": lambda: inputs["rows"],
         "beside_curves": lambda: np.zeros((*observed.shape[:2], OUTPUTS), np.float32),
+        "seen_rows": lambda: inputs["rows"],
     }
     back = space.decode(unchanged[name](), known)
     assert back.shape == positions.shape and back.dtype == np.float32

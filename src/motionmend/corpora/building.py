@@ -115,7 +115,8 @@ def build(
     first = next(ready, None)
     return write_corpus(
         target, name=name, fps=float(fps), dtype=dtype, licence=module.LICENCE,
-        credit=module.CREDIT, skeleton=first.motion.skeleton if first else BODY, dropped=dropped, force=force,
+        credit=module.CREDIT, skeleton=first.motion.skeleton if first else BODY, dropped=dropped,
+        contacts=not local, force=force,
         clips=_checked(chain([first], ready), dropped) if first else (),
     )  # fmt: skip
 

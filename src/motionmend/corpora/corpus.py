@@ -139,7 +139,8 @@ class Corpus:
     def contacts(self) -> Array | None:
         """`(F, 4)` int8: 1 where a joint of contacts.STANDING_JOINTS stands, 0 where not, -1 where that is unknown.
 
-        It follows from the positions. None in a corpus of other joints, or made before contacts were kept.
+        It follows from the positions. None in a corpus of other joints or of poses without global translation,
+        or made before contacts were kept.
         """
         path = self.path / f"{CONTACTS}.npy"
         return _mapped(path) if path.is_file() else None

@@ -35,6 +35,7 @@ def write_corpus(
     credit: str = "",
     clips: Iterable[tuple[ClipInfo, Motion]],
     dropped: Iterable[Dropped] = (),
+    contacts: bool = True,
     force: bool = False,
 ) -> Corpus:
     """Write clips into a new corpus, one at a time, and open it. The same clips give the same bytes.
@@ -44,6 +45,7 @@ def write_corpus(
     clips : provenance and motion of each; the motions have `skeleton` and `fps`, and the floor at y = 0.
         Consumed once, so a generator keeps memory small.
     dropped : read after `clips` is exhausted, so a list that the generator fills will do.
+    contacts : keep when feet stand; not where positions are other than in the world, in which feet stand.
     force : replace a corpus that is there. Nothing but a corpus is ever replaced.
 
     Raises
@@ -62,7 +64,7 @@ def write_corpus(
             kinds: list[tuple[BinaryIO, str, tuple[int, ...]]] = list(
                 zip(files, ("float32", dtype, "bool"), ((3,), (len(skeleton), 3), (len(skeleton),)))
             )
-            if skeleton == BODY:
+            if contacts and skeleton == BODY:
                 kinds.append((stack.enter_context((aside / f"{CONTACTS}.npy").open("w+b")), "int8", (4,)))
             for file, kind, shape in kinds:
                 _write_header(file, kind, (0, *shape))
