@@ -13,7 +13,7 @@ from ..errors import InputError
 
 Data = Literal["holden", "h36m", "amass", "cmu"]
 
-_PLAIN = {"clip": 0.0, "ema": 0.0, "weight_decay": 0.0}
+_PLAIN = {"optimiser": "adamw", "weight_decay": 0.0, "clip": 0.0, "ema": 0.0, "anywhere": False}
 _XMAE = _PLAIN | {
     "batch": 128, "lr": 3e-4, "betas": (0.9, 0.999), "schedule": "cosine",
     "network": {"codes": "shared", "structured": False},
