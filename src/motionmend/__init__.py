@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     from .errors import InputError as InputError
     from .io import load as load
     from .io import save as save
+    from .memory.storing import Memory as Memory
     from .motion import Motion as Motion
     from .motion import Rig as Rig
     from .motion import Skeleton as Skeleton
     from .motion import Take as Take
     from .networks.loading import load_completer as load_completer
     from .repairs.comparison import compare as compare
+    from .repairs.learning import learn as learn
     from .repairs.repairing import repair as repair
     from .rigs.fitting import fit as fit
 
@@ -37,6 +39,7 @@ _HOME = {
     "load": "io",
     "load_completer": "networks.loading",
     "save": "io",
+    "Memory": "memory.storing",
     "Motion": "motion",
     "Rig": "motion",
     "Skeleton": "motion",
@@ -47,6 +50,7 @@ _HOME = {
     "compare": "repairs.comparison",
     "diagnose": "diagnosis.diagnosing",
     "fit": "rigs.fitting",
+    "learn": "repairs.learning",
     "plant": "damage.planting",
     "repair": "repairs.repairing",
 }

@@ -48,7 +48,7 @@ class Answer:
         for rows, session, layout, mirrored in self.near.groups():
             windows = gathered(session, "positions", self.near.start[rows], layout.length).astype(float)
             more = windows[:, layout.missing][:, :, layout.lost] - base(windows, layout, RATE)
-            total += _turned(more, self.near.turn[rows], self.weights[rows], mirrored)
+            total += turned(more, self.near.turn[rows], self.weights[rows], mirrored)
         return total
 
     def at_frames(self, values: Array, frames: int) -> Array:
@@ -69,7 +69,7 @@ class Answer:
         return CubicSpline(clock, knots, bc_type=ends)(times)
 
 
-def _turned(more: Array, turn: Array, weights: Array, mirrored: bool) -> Array:
+def turned(more: Array, turn: Array, weights: Array, mirrored: bool) -> Array:
     """The weighted sum of vectors `(near, …, 3)`, each turned about the vertical."""
     across = plane(more)
     across = across.conj() if mirrored else across
@@ -116,7 +116,7 @@ def _posed(motion: Motion, lost: Array, start: int, stop: int) -> tuple[Layout, 
     positions[inside], seen[inside] = thinned(motion.positions[some], motion.observed[some], at, beyond)
     gap = (times > start - 1 + 1e-3) & (times < stop - 1e-3)
     whole = seen[:, lost].all(axis=1)
-    before, after = _known(whole[: np.argmax(gap)][::-1]), _known(whole[len(gap) - np.argmax(gap[::-1]) :])
+    before, after = known(whole[: np.argmax(gap)][::-1]), known(whole[len(gap) - np.argmax(gap[::-1]) :])
     if max(before, after) < 0 or whole[gap].any():
         return None
     kept = slice(np.argmax(gap) - before - 1, len(gap) - np.argmax(gap[::-1]) + after + 1)
@@ -127,7 +127,7 @@ def _posed(motion: Motion, lost: Array, start: int, stop: int) -> tuple[Layout, 
     return _seen_from(layout, others, seen, positions, motion.skeleton), positions, step
 
 
-def _known(seen: Array) -> int:
+def known(seen: Array) -> int:
     """How many frames beside a seam are seen, from the seam on and without it; -1 if not even the seam is."""
     return (len(seen) if seen.all() else int(np.argmin(seen))) - 1
 

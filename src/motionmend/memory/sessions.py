@@ -24,6 +24,7 @@ RATE = 30.0  # frames a second
 RATE_SHARE = 0.01  # a rate that is a whole multiple but for this share is thinned out, not interpolated
 BRIDGED_SECONDS = 0.2  # holes up to this long are bridged to be compared, and never teach
 UNKNOWN, BRIDGED, SEEN = range(3)
+UNEVEN, UNEVEN_METRES = 0.1, 0.01  # of a bone's length, and metres, by which a rig's sides may differ
 END = " (end)"  # of the name of a bone's end site
 
 
@@ -69,8 +70,29 @@ class Session:
 
     @cached_property
     def twins(self) -> Array | None:
-        """`(points,)` the index of each point's left or right twin, or its own; None where nothing has sides."""
-        return twins_of(self.skeleton.names)
+        """`(points,)` the index of each point's left or right twin, or its own; None where nothing has sides, or where a
+        rig's are not each other's mirror image."""
+        pairs = mirrored_pairs(self.skeleton.names)
+        if not pairs:
+            return None
+        twins = np.arange(len(self.skeleton))
+        left, right = np.array(pairs).T
+        twins[left], twins[right] = right, left
+        return twins if self.offsets is None or mirror_axis(self.offsets, twins) is not None else None
+
+    def check(self) -> None:
+        """ValueError if its arrays and its takes do not agree."""
+        frames, points = len(self.positions), len(self.skeleton)
+        shapes = {"positions": (frames, points, 3), "trust": (frames, points)}
+        if self.offsets is not None:
+            joints = len(self.offsets)
+            shapes |= {"offsets": (joints, 3), "rotations": (frames, joints, 4), "shifts": (frames, joints, 3)}
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"{name} are {np.shape(getattr(self, name))}, not {shape}")
+        bounds = [0, *(take.stop for take in self.takes)]
+        if bounds[-1] != frames or any(take.start != at or take.stop < at for take, at in zip(self.takes, bounds)):
+            raise ValueError("its takes do not follow each other")
 
     @property
     def key(self) -> tuple:
@@ -79,28 +101,35 @@ class Session:
         return self.skeleton.names, self.skeleton.parents, offsets
 
 
-def twins_of(names: tuple[str, ...]) -> Array | None:
-    pairs = mirrored_pairs(names)
-    if not pairs:
-        return None
-    twins = np.arange(len(names))
-    left, right = np.array(pairs).T
-    twins[left], twins[right] = right, left
-    return twins
+def mirror_axis(offsets: Array, twins: Array) -> int | None:
+    """Along which axis of its rest pose a rig is the mirror image of itself, or None."""
+    twins = twins[: len(offsets)]
+    allowed = np.maximum(UNEVEN * np.linalg.norm(offsets, axis=-1, keepdims=True), UNEVEN_METRES)
+    for axis in range(3):
+        image = offsets[twins] * np.where(np.arange(3) == axis, -1, 1)
+        if np.all(np.abs(image - offsets)[1:] <= allowed[1:]):
+            return axis
+    return None
 
 
-def remember(take: Take, name: str = "") -> Session:
-    """A session of one take: what is observed teaches, short holes are bridged, the rest is unknown."""
-    content = hashlib.sha256(repr((take.skeleton.names, take.fps)).encode())
-    content.update(np.ascontiguousarray(take.motion.positions).data)
-    motion, rig = take.motion, take.rig
+def content(take: Take) -> str:
+    """A hash of what a take says: two takes of one hash are one take."""
+    said = hashlib.sha256(repr((take.skeleton.names, take.fps)).encode())
+    said.update(np.ascontiguousarray(take.motion.positions).data)
+    return said.hexdigest()
+
+
+def remember(motion: Motion, rig: Rig | None, name: str, sha256: str = "") -> Session:
+    """A session of one take: what is observed teaches, short holes are bridged, the rest is unknown.
+
+    motion : of the take, or of `rig`.
+    """
     if rig is not None:
         motion = with_ends(rig, motion)
     at, beyond = grid(len(motion), motion.fps)
     positions, seen = thinned(motion.positions, motion.observed, at, beyond)
     positions, trust = _bridged(positions, seen)
-    taken = Remembered(name or take.source, content.hexdigest(), 0, len(at))
-    session = Session(motion.skeleton, (taken,), positions, trust)
+    session = Session(motion.skeleton, (Remembered(name, sha256, 0, len(at)),), positions, trust)
     if rig is None:
         return session
     turns, shifts = _channels(rig, at, beyond)
@@ -108,17 +137,19 @@ def remember(take: Take, name: str = "") -> Session:
 
 
 def with_ends(rig: Rig, motion: Motion) -> Motion:
-    """A rig's motion, with the ends of its bones as more joints."""
-    if not rig.ends:
-        return motion
+    """A rig's motion, with the ends of its bones as more joints; a joint without a child or an end is its own."""
     places, turns = rig.kinematics
-    owners = np.array([joint for joint, _ in rig.ends])
-    ends = places[:, owners] + apply(turns[:, owners], np.array([offset for _, offset in rig.ends]))
-    names = tuple(f"{rig.skeleton.names[joint]}{END}" for joint in owners)
-    skeleton = Skeleton(rig.skeleton.names + names, rig.skeleton.parents + tuple(owners.tolist()))
+    owning = {joint for joint, _ in rig.ends}
+    ends = [*rig.ends]
+    ends += [(joint, np.zeros(3)) for joint, below in enumerate(rig.skeleton.children) if not below and joint not in owning]
+    owners = np.array([joint for joint, _ in ends])
+    tips = places[:, owners] + apply(turns[:, owners], np.array([offset for _, offset in ends]))
+    names = [f"{rig.skeleton.names[joint]}{END}" for joint in owners]
+    names = [name if names.index(name) == number else f"{name}{number}" for number, name in enumerate(names)]
+    skeleton = Skeleton((*rig.skeleton.names, *names), (*rig.skeleton.parents, *owners.tolist()))
     seen = motion.observed[:, owners] & rig.trusted[:, owners]
     return Motion(
-        np.concatenate([motion.positions, ends.astype(np.float32)], axis=1),
+        np.concatenate([motion.positions, tips.astype(np.float32)], axis=1),
         np.concatenate([motion.observed, seen], axis=1), motion.fps, skeleton,
     )  # fmt: skip
 

@@ -18,6 +18,9 @@ from ..fills.curves import CURVES
 from ..fills.kinds import rig_kinds
 from ..fills.points import FILLS, DonorFill, Fill, LearnedFill
 from ..gaps import Gaps, covered
+from ..memory.channels import recall_rig
+from ..memory.filling import Filled, Recall
+from ..memory.sessions import Session
 from ..metrics.positional import bone_lengths
 from ..motion import Motion, Take
 from ..rigs.fitting import fit
@@ -25,6 +28,7 @@ from . import network_fill
 from .chooser import NETWORK_WINS, Chooser, network_reason, network_rows
 from .varied_fill import GENERATIVE, varied
 
+RECALL = "recall"
 KEEP_SECONDS = 0.2  # gaps of points longer than this keep the lengths of bones
 STEADY_METRES = 0.002  # bones that vary more than this have no length to keep
 
@@ -37,14 +41,19 @@ def fill(
     mapping: Mapping | None = None,
     seed: int = 0,
     variant: int = 1,
+    teachers: Sequence[Session] = (),
+    itself: str = "",
 ) -> tuple[Take, Gaps]:
     """The take with its untrusted samples filled, and its gaps with the method of each.
 
+    teachers : for "recall", the takes that teach besides this one. itself : this one's hash among them.
     legs : joints of whole legs (`feet.legs`), to be aimed at their joints' paths where one was lost alone.
     mapping : for the network, which joint is which. seed, variant : of a generative network's way.
     """
-    if method not in (names := ["auto", *NETWORK_WINS, *GENERATIVE, *FILLS]):
+    if method not in (names := ["auto", RECALL, *NETWORK_WINS, *GENERATIVE, *FILLS]):
         raise InputError(f"no method is named {method!r}", hint=nearest_names(method, names))
+    if method == RECALL:
+        return _recalled(take, donors, legs, mapping, teachers, frozenset([itself]))
     for name in donors:
         take.skeleton.index(name)
     if donors and take.rig is not None:
@@ -64,6 +73,20 @@ def fill(
     if method in GENERATIVE:
         filled, gaps = _by_network(take, filled, gaps, "auto", mapping, _networks("auto", mapping))
     return _by_network(take, filled, gaps, method, mapping, networks)
+
+
+def _recalled(
+    take: Take, donors: Sequence[str], legs: Sequence[feet.Leg], mapping: Mapping | None, teachers: Sequence[Session],
+    without: frozenset[str],
+) -> tuple[Take, Gaps]:  # fmt: skip
+    """The take filled by `auto`, and on top of it by memory wherever that has an answer."""
+    filled, gaps = fill(take, "auto", donors, legs, mapping)
+    if take.rig is None:
+        motion, gaps = Recall(teachers, without, Filled(filled.motion, gaps)).fill(take.motion)
+        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
+    assert filled.rig is not None
+    rig, gaps = recall_rig(take.rig, take.motion, filled.rig, gaps, teachers, without)
+    return take.with_rig(rig), gaps
 
 
 def _networks(method: str, mapping: Mapping, seed: int = 0, variant: int = 1) -> dict[str, network_fill.NetworkFill]:

@@ -17,12 +17,16 @@ from ..errors import InputError
 from ..fills.kinds import KINDS, point_kinds, rig_kinds
 from ..fills.points import FILLS
 from ..gaps import Gaps, longer
+from ..memory.sessions import content
+from ..memory.storing import Memory
 from ..motion import Array, Take
 from ..progress import Stage, silent
 from ..ranges import Lost, Range, mask_of, parse_frames
 from .denoising import denoise as smoothed
-from .filling import fill
+from .filling import RECALL, fill
 from .fragments import Fragment, fragments, joined, unlabelled
+from .learning import Teacher
+from .learning import learn as learned
 from .report import Denoised, Filled, Report
 from .varied_fill import GENERATIVE, must_vary
 
@@ -43,6 +47,7 @@ def repair(
     join: bool = False,
     seed: int = 0,
     variant: int = 1,
+    learn: Memory | Iterable[Teacher] = (),
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> Take:
@@ -56,7 +61,9 @@ def repair(
     find : whether to repair what `diagnose` finds, missing samples among it; by default only if neither `gaps` nor
         `lost` is given. Without it, what these name is all that is repaired.
     method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "local", "regression", "pca",
-        "average", "mend", "xmae" or "convae" (networks), "trajevae" (one plausible way of many), or "auto".
+        "average", "mend", "xmae" or "convae" (networks), "trajevae" (one plausible way of many), "recall" (as the take
+        itself and others did in similar stretches), or "auto", which is "recall" where there is something to `learn`
+        from.
     donors : names that "pattern", "rigid" and the fills that learn may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
         formats that can say so; with `keep_longer` they stay as the file has them.
@@ -66,6 +73,7 @@ def repair(
     join : give lost markers the samples of tracks without a label that go on where they were lost, first of all; see
         `fragments.fragments`. The tracks stay as they are.
     seed, variant : of "trajevae", from 0 on and from 1 on: which of the ways. The same two give the same bits.
+    learn : takes that teach "recall" besides this one: paths, patterns, folders, Takes, or what `learn` returns.
     map : overrides of the rig's mapping: BODY name → name in the file, or a TOML file of such lines.
     stage : called with what is done next, for progress.
 
@@ -79,6 +87,10 @@ def repair(
         that has one answer, and if nothing in the take can be trusted.
     """
     must_vary(method, variant, seed)
+    memory = learn if isinstance(learn, Memory) else learned(teachers, stage=stage) if (teachers := [*learn]) else None
+    if memory is not None and method not in ("auto", RECALL):
+        raise InputError(f"method {method!r} does not learn from other takes", hint=f"say {RECALL!r}, or leave learn out")
+    method = RECALL if memory is not None else method
     asked = mask_of(take, gaps, lost)
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     findings, whole, wrong = (), take, asked | ~take.trusted
@@ -117,7 +129,8 @@ def repair(
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
     stage("filling gaps")
-    filled, done = fill(damaged, method, donors, legs, mapping, seed, variant)
+    teaching = (memory.sessions if memory else (), content(take)) if method == RECALL else ((), "")
+    filled, done = fill(damaged, method, donors, legs, mapping, seed, variant, *teaching)
     filled = _put_back(filled, whole if keep_longer else damaged, too_long)
     filled = _put_back(filled, whole, nameless)
     not_named = wrong & ~asked if only_asked else np.zeros_like(wrong)
@@ -226,6 +239,8 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
 def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
     if gaps.is_blank[row]:
         return "never seen" + (", as asked" if method else "")
+    if method == RECALL or asked == RECALL and row in gaps.reasons:
+        return gaps.reasons[row]
     if gaps.is_edge[row]:
         side = "after" if gaps.before[row] else "before"
         how = ", carried by its donors" if row in gaps.donors else ", extrapolated" if method else ""

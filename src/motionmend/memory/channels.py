@@ -1,0 +1,133 @@
+"""The fill that asks a memory, for the channels of a rig: bones keep their lengths, whatever the neighbours did.
+
+The answer is linear in the neighbours, so the weights found by comparing positions serve every channel: what is added to
+a curve is the weighted sum of the rotation vectors from the neighbours' curves to their truth, log(curve⁻¹ truth).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..gaps import Gaps
+from ..motion import Motion, Rig
+from ..rotations import from_rotvec, inverse, multiply, to_rotvec
+from . import bases, recalling
+from .filling import ITSELF, own_window, together, told
+from .neighbours import gathered
+from .recalling import Answer
+from .sessions import RATE, Session, mirror_axis, remember, with_ends
+
+Array = np.ndarray
+
+LEANING = 0.1  # of a bone's length by which its direction may differ between rigs that teach each other
+
+
+def recall_rig(
+    rig: Rig, motion: Motion, filled: Rig, gaps: Gaps, sessions: Sequence[Session] = (),
+    without: frozenset[str] = frozenset(),
+) -> tuple[Rig, Gaps]:
+    """`filled`, with those gaps of `rig` that memory has an answer for as it says, and the gaps, told.
+
+    motion : of `rig`. gaps : of `rig`, as they were filled in `filled`. sessions, without : see `filling.Recall`.
+    """
+    rotations, shifts = filled.rotations.copy(), filled.translations.copy()
+    trusted, method, reasons = filled.trusted.copy(), gaps.method.copy(), dict(gaps.reasons)
+    points = with_ends(rig, motion)
+    able = [session for session in (remember(motion, rig, ITSELF), *sessions) if _alike(session, rig)]
+    moves = rig.moves | (np.array(rig.skeleton.parents) < 0)
+    for rows, start, stop in together(gaps):
+        lost = np.sort(gaps.joint[rows])
+        hanging = _hanging(points, rig, lost, start, stop)
+        answer = recalling.ask(points, hanging, start, stop, able, without) if len(hanging) else None
+        if answer is not None:
+            turns, places = _answered(rig, answer, lost, start, stop, motion.fps)
+            rotations[start:stop, lost] = turns
+            moving = moves[lost]
+            shifts[start:stop, lost[moving]] = places[:, moving]
+            trusted[start:stop, lost] = True
+            method[rows] = "recall"
+        reasons |= dict.fromkeys(rows.tolist(), told(answer))
+    filled = replace(filled, rotations=rotations, translations=shifts, trusted=trusted)
+    return filled, replace(gaps, method=method, reasons=reasons)
+
+
+def _alike(session: Session, rig: Rig) -> bool:
+    """Whether a session's channels mean the same as the rig's: the same joints, bones in the same directions."""
+    joints = len(rig.skeleton)
+    if session.offsets is None or session.rotations is None or len(session.offsets) != joints:
+        return False
+    names, parents = session.skeleton.names[:joints], session.skeleton.parents[:joints]
+    if names != rig.skeleton.names or parents != rig.skeleton.parents:
+        return False
+    lengths = [np.maximum(np.linalg.norm(each, axis=-1, keepdims=True), 0.01) for each in (session.offsets, rig.offsets)]
+    apart = np.linalg.norm(session.offsets / lengths[0] - rig.offsets / lengths[1], axis=-1)
+    return bool(np.all(apart[1:] < LEANING))
+
+
+def _hanging(points: Motion, rig: Rig, lost: Array, start: int, stop: int) -> Array:
+    """The points that hang on lost channels, and are seen right beside the gap."""
+    moves = rig.moves | (np.array(rig.skeleton.parents) < 0)
+    hangs = np.zeros(len(points.skeleton), bool)
+    for point, parent in enumerate(points.skeleton.parents):
+        own = point < len(moves) and moves[point] and point in lost
+        hangs[point] = own or (parent >= 0 and (hangs[parent] or parent in lost))
+    for seam in (start - 1, stop):
+        if 0 <= seam < len(points):
+            hangs &= points.observed[seam]
+    return np.flatnonzero(hangs)
+
+
+def _answered(rig: Rig, answer: Answer, lost: Array, start: int, stop: int, fps: float) -> tuple[Array, Array]:
+    """The turns `(frames, lost, 4)` and shifts `(frames, lost, 3)` of a gap."""
+    parents = rig.skeleton.parents
+    layout, window = own_window(answer.layout, rig.trusted[:, lost], start, stop, fps)
+    inner = _inner(rig.trusted[window], parents, lost)
+    own = rig.rotations[None, window], rig.translations[None, window]
+    turns, places = (each[0] for each in bases.eased_channels(*own, parents, lost.tolist(), inner, layout, fps))
+    more, moved = np.zeros((2, len(answer.layout.missing), len(lost), 3))
+    roots = np.array([parents[joint] < 0 for joint in lost])
+    for rows, session, its, mirrored in answer.near.groups():
+        first = answer.near.start[rows]
+        rotations, shifts = (gathered(session, name, first, its.length).astype(float) for name in ("rotations", "shifts"))
+        if mirrored:
+            rotations, shifts = mirrored_channels(rotations, shifts, session, parents)
+        base, base_shifts = bases.eased_channels(rotations, shifts, parents, lost.tolist(), inner, its, RATE)
+        truth = rotations[:, its.missing][:, :, lost]
+        weights = answer.weights[rows]
+        more += np.tensordot(weights, to_rotvec(multiply(inverse(base), truth)), 1)
+        apart = shifts[:, its.missing][:, :, lost] - base_shifts
+        moved[:, ~roots] += np.tensordot(weights, apart[:, :, ~roots], 1)
+        moved[:, roots] += recalling.turned(apart[:, :, roots], answer.near.turn[rows], weights, False)
+    frames = stop - start
+    turns = multiply(turns, from_rotvec(answer.at_frames(more, frames)))
+    return turns, places + answer.at_frames(moved, frames)
+
+
+def _inner(trusted: Array, parents: Sequence[int], lost: Array) -> list[int]:
+    """Those of the lost joints whose parent's turn in the world is not known in a window of frames."""
+    known = np.zeros(len(parents), bool)
+    for joint, parent in enumerate(parents):
+        known[joint] = (parent < 0 or known[parent]) and (joint in lost or bool(trusted[:, joint].all()))
+    return [joint for joint in lost.tolist() if parents[joint] >= 0 and not known[parents[joint]]]
+
+
+def mirrored_channels(
+    rotations: Array, shifts: Array, session: Session, parents: Sequence[int]
+) -> tuple[Array, Array]:
+    """Channels `(…, joints, 4 or 3)` of a rig whose motion is the mirror image, in x, of what they were."""
+    assert session.twins is not None and session.offsets is not None
+    twins = session.twins[: len(parents)]
+    axis = mirror_axis(session.offsets, twins)
+    assert axis is not None
+    flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+    rotations = rotations[..., twins, :] * np.append(-flip, 1.0)
+    shifts = shifts[..., twins, :] * flip
+    for root in np.flatnonzero(np.array(parents) < 0):
+        shifts[..., root, :] *= flip * [-1, 1, 1]
+        if axis != 0:  # the world is mirrored in x, the rest pose in another axis: half a turn about the third
+            half = np.append(np.isin(np.arange(3), (0, axis), invert=True), 0.0).astype(float)
+            rotations[..., root, :] = multiply(half, rotations[..., root, :])
+    return rotations, shifts

@@ -1,0 +1,102 @@
+"""The fill that asks a memory, for points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..fills.curves import CURVES
+from ..fills.points import CurveFill, Fill
+from ..gaps import Gaps
+from ..motion import Motion
+from . import bases, recalling
+from .descriptors import Layout
+from .sessions import Session, remember
+
+Array = np.ndarray
+
+ITSELF = "itself"  # the take whose gap it is, among those that teach
+MOST_NAMED = 3  # takes that a reason names
+TOLD = 0.05  # a take that has less of the weight is not named
+
+
+@dataclass(frozen=True, eq=False)
+class Filled(Fill):
+    """Writes what was filled before: `motion`, whose gaps were these."""
+
+    motion: Motion
+    gaps: Gaps
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        """See `Fill.fill_gaps`."""
+        written = self.motion.observed & ~motion.observed
+        out[written] = self.motion.positions[written]
+        return self.gaps
+
+
+@dataclass(frozen=True)
+class Recall(Fill):
+    """Fills each gap by what the most similar stretches of the take itself and of others did beyond their curves.
+
+    sessions : the others. without : hashes of takes among them that do not teach, such as this one as it was read.
+    otherwise : fills the gaps that memory has no answer for; `Gaps.reasons` tells which.
+    base : what neighbours are compared beyond.
+    """
+
+    sessions: Sequence[Session] = ()
+    without: frozenset[str] = frozenset()
+    otherwise: Fill = field(default_factory=lambda: CurveFill("eased"))
+    base: bases.Base = bases.eased
+
+    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
+        """See `Fill.fill_gaps`."""
+        done = self.otherwise.fill_gaps(out, motion, gaps)
+        method, reasons, donors = done.method.copy(), dict(done.reasons), dict(done.donors)
+        sessions = (remember(motion, None, ITSELF), *self.sessions)
+        for rows, start, stop in together(gaps):
+            lost = gaps.joint[rows]
+            answer = recalling.ask(motion, lost, start, stop, sessions, self.without)
+            if answer is not None:
+                out[start:stop, lost] = self._answered(motion, answer, start, stop)
+                method[rows] = "recall"
+            for row in rows.tolist():
+                reasons[row] = told(answer)
+                if answer is not None:
+                    donors.pop(row, None)
+        return replace(done, method=method, reasons=reasons, donors=donors)
+
+    def _answered(self, motion: Motion, answer: recalling.Answer, start: int, stop: int) -> Array:
+        """`(frames, lost, 3)` at the take's rate: its base, and what the neighbours add."""
+        needed = np.union1d(answer.layout.lost, answer.layout.anchors if answer.layout.anchor >= 0 else ())
+        layout, window = own_window(answer.layout, motion.observed[:, needed.astype(int)], start, stop, motion.fps)
+        base = self.base(motion.positions[None, window].astype(float), layout, motion.fps)[0]
+        return base + answer.at_frames(answer.beyond(self.base), stop - start)
+
+
+def own_window(layout: Layout, observed: Array, start: int, stop: int, fps: float) -> tuple[Layout, slice]:
+    """A gap's layout at its take's own rate, with so many frames beside it as a curve looks at and are observed."""
+    reach = CURVES["eased"].reach(fps)
+    before = recalling.known(observed[max(start - reach, 0) : start].all(axis=1)[::-1])
+    after = recalling.known(observed[stop : stop + reach].all(axis=1))
+    steps = stop - start + (before >= 0 and after >= 0)
+    return replace(layout, before=before, after=after, steps=steps), slice(start - before - 1, stop + after + 1)
+
+
+def together(gaps: Gaps) -> Iterator[tuple[Array, int, int]]:
+    """The gaps of the same frames: their rows, and these frames; none of points that are never seen."""
+    rows = np.flatnonzero(~gaps.is_blank)
+    spans, which = np.unique(np.stack([gaps.start[rows], gaps.stop[rows]], axis=1), axis=0, return_inverse=True)
+    for number, (start, stop) in enumerate(spans.tolist()):
+        yield rows[which.reshape(-1) == number], start, stop
+
+
+def told(answer: recalling.Answer | None) -> str:
+    """For the report: from which takes a gap was filled."""
+    if answer is None:
+        return "memory has too few stretches like it"
+    sources = answer.sources()
+    named = [f"{name} ({share:.0%})" for name, share in sources[:MOST_NAMED] if share >= TOLD]
+    more = len(sources) - len(named)
+    return "as in " + ", ".join(named or [sources[0][0]]) + (f" and {more} more" if more else "")
