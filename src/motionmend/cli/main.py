@@ -22,6 +22,7 @@ from .common import complain
 VERBS = {
     "inspect": "Say what is in a take, which rig it is, and what is untrusted and why. Changes nothing.",
     "repair": "Find what is damaged in takes and repair it, or repair what you name; touch nothing else.",
+    "learn": "Remember takes in one file, so that many repairs can learn from them.",
     "damage": "Plant damage in a good take, to try a repair on it. The same seed plants the same damage.",
     "compare": "Measure how far a take is from another: MPJPE, bone lengths, seams, samples that differ.",
     "convert": "Write a take in another format: BVH, C3D, TRC, CSV, NPZ, or GLB for Blender and game engines.",

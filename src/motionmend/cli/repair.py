@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Optional
@@ -9,7 +10,7 @@ from typing import Literal, Optional
 from tyro.conf import Positional, UseAppendAction
 
 from ..errors import InputError
-from .common import Files, Output, Reading, each, refuse_to_overwrite
+from .common import Files, Output, Reading, complain, each, refuse_to_overwrite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +32,12 @@ class Repair(Reading):
     """Repair what diagnosis finds, besides what --gap and --lost name."""
     method: Literal[
         "auto", "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "local", "regression", "pca",
-        "average", "mend", "xmae", "convae", "trajevae",
+        "average", "recall", "mend", "xmae", "convae", "trajevae",
     ] = "auto"
     """How to fill; auto takes for each gap what won on validation takes for its kind and length."""
+    learn: tuple[str, ...] = ()
+    """Takes that `recall` learns from besides this one: files, folders, patterns, memories. With --method recall
+    several FILEs teach each other; `none` forbids it."""
     samples: int = 1
     """With --method trajevae: in how many ways, each in a file of its own."""
     seed: int = 0
@@ -70,6 +74,7 @@ class Repair(Reading):
         from ..repairs.varied_fill import must_vary
 
         must_vary(self.method, self.samples, self.seed)
+        self.must_learn()
         many, ways = len(self.files) > 1, self.samples > 1
         folder = many or ways or self.output.is_dir() or not self.output.suffix
         if many and (self.report or self.picture):
@@ -82,6 +87,8 @@ class Repair(Reading):
         if folder:
             self.output.mkdir(parents=True, exist_ok=True)
 
+        memory = self._memory()
+
         def one(path: Path) -> None:
             targets, report = self._targets(path, folder)
             wanted = [*targets, report, *([self.picture] if self.picture else [])]
@@ -90,7 +97,7 @@ class Repair(Reading):
                 stage("reading")
                 take, reports = self.load(path), []
                 for number, target in enumerate(targets, 1):
-                    fixed = self._repaired(take, number, stage)
+                    fixed = self._repaired(take, number, stage, memory)
                     stage("writing")
                     save(fixed, target, force=self.force)
                     reports.append(replace(fixed.report, output=str(target)))
@@ -105,14 +112,40 @@ class Repair(Reading):
 
         return each(self.files, one)
 
-    def _repaired(self, take, number: int, stage):
+    def must_learn(self) -> None:
+        """Refuse --learn for methods that do not."""
+        if self.learn and self.method not in ("auto", "recall"):
+            raise InputError(f"--method {self.method} does not learn", hint="say --method recall, or leave --learn out")
+
+    def _memory(self):
+        """What --learn names, and for `recall` the takes that are to be repaired; None for nothing."""
+        from ..progress import following
+        from ..repairs.learning import learn
+
+        named = () if self.learn == ("none",) else self.learn
+        each_other = self.files if self.method == "recall" and len(self.files) > 1 and self.learn != ("none",) else ()
+        if not named and not each_other:
+            return None
+        memories = []
+        with following("learning") as stage:
+            if named:
+                memories.append(learn(named, skip=complain, stage=stage))
+            if each_other:
+                # What is wrong with one of these is told when it is its turn to be repaired.
+                with suppress(InputError):
+                    memories.append(learn(each_other, skip=lambda *_: None, read=self.load, stage=stage))
+        if not memories:
+            return None
+        return learn(memories)
+
+    def _repaired(self, take, number: int, stage, memory):
         """The take repaired, in the way of this number."""
         from ..repairs.repairing import repair
 
         return repair(
             take, gaps=self.gap, lost=self.lost, find=self.find or None, method=self.method, donors=self.donors,
             max_gap=self.max_gap, keep_longer=self.keep_longer, denoise=self.denoise, cutoff=self.cutoff,
-            plant_feet=self.plant_feet, join=self.join, seed=self.seed, variant=number, map=self.map,
+            plant_feet=self.plant_feet, join=self.join, seed=self.seed, variant=number, learn=memory or (), map=self.map,
             stage=stage if self.samples == 1 else lambda what: stage(f"variant {number}, {what}"),
         )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """What a gap gets before it is compared: a curve, over many windows of one layout at once, of points and of channels.
 
-A base is a function of windows `(windows, frames, points, 3)` and their Layout; the gap and all its neighbours go through
-the same one, in one batch, and what the neighbours' truth was beyond it is what they teach.
+A base is a function of windows `(windows, frames, points, 3)` and their Layout; the gap and all its neighbours go
+through the same one, in one batch, and what the neighbours' truth was beyond it is what they teach.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def eased_channels(
     rotations: Array, shifts: Array, parents: Sequence[int], lost: Sequence[int], inner: Sequence[int], layout: Layout,
     fps: float,
 ) -> tuple[Array, Array]:
-    """The same of a rig's channels: turns `(windows, missing, lost, 4)` and shifts `(windows, missing, lost, 3)`, local.
+    """The same of a rig's channels: local turns `(windows, missing, lost, 4)` and shifts `(windows, missing, lost, 3)`.
 
     rotations, shifts : `(windows, frames, joints, 4 or 3)`. lost : joints, parents first.
     inner : those of them whose turn is crossed as seen from the parent, because that is not known; all others in the
@@ -62,10 +62,9 @@ def eased_channels(
 
 
 def _crossed_turns(turns: Array, layout: Layout, fps: float) -> Array:
-    """`(windows, frames, 4)` -> `(windows, missing, 4)`: the curve of rotation vectors about the middle of both seams."""
+    """`(windows, frames, 4)` -> `(windows, missing, 4)`: the curve of rotation vectors about its seams' middle."""
     before, after = layout.before, int(layout.missing[-1]) + 1
-    start, stop = (turns[:, before] if before >= 0 else None), (turns[:, after] if layout.after >= 0 else None)
-    start, stop = (stop if start is None else start), (start if stop is None else stop)
+    start, stop = turns[:, before if before >= 0 else after], turns[:, after if layout.after >= 0 else before]
     middle = multiply(start, from_rotvec(to_rotvec(multiply(inverse(start), stop)) / 2))[:, None]
     vectors = to_rotvec(multiply(inverse(middle), turns))
     return multiply(middle, from_rotvec(_crossed(vectors, layout, fps)))

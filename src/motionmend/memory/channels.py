@@ -1,7 +1,7 @@
 """The fill that asks a memory, for the channels of a rig: bones keep their lengths, whatever the neighbours did.
 
-The answer is linear in the neighbours, so the weights found by comparing positions serve every channel: what is added to
-a curve is the weighted sum of the rotation vectors from the neighbours' curves to their truth, log(curve⁻¹ truth).
+The answer is linear in the neighbours, so the weights found by comparing positions serve every channel: what is added
+to a curve is the weighted sum of the rotation vectors from the neighbours' curves to their truth, log(curve⁻¹ truth).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .sessions import RATE, Session, mirror_axis, remember, with_ends
 
 Array = np.ndarray
 
+SHORT = 0.01  # metres: bones shorter than this have no direction to speak of
 LEANING = 0.1  # of a bone's length by which its direction may differ between rigs that teach each other
 
 
@@ -62,9 +63,12 @@ def _alike(session: Session, rig: Rig) -> bool:
     names, parents = session.skeleton.names[:joints], session.skeleton.parents[:joints]
     if names != rig.skeleton.names or parents != rig.skeleton.parents:
         return False
-    lengths = [np.maximum(np.linalg.norm(each, axis=-1, keepdims=True), 0.01) for each in (session.offsets, rig.offsets)]
-    apart = np.linalg.norm(session.offsets / lengths[0] - rig.offsets / lengths[1], axis=-1)
+    apart = np.linalg.norm(_directions(session.offsets) - _directions(rig.offsets), axis=-1)
     return bool(np.all(apart[1:] < LEANING))
+
+
+def _directions(bones: Array) -> Array:
+    return bones / np.maximum(np.linalg.norm(bones, axis=-1, keepdims=True), SHORT)
 
 
 def _hanging(points: Motion, rig: Rig, lost: Array, start: int, stop: int) -> Array:
@@ -91,7 +95,8 @@ def _answered(rig: Rig, answer: Answer, lost: Array, start: int, stop: int, fps:
     roots = np.array([parents[joint] < 0 for joint in lost])
     for rows, session, its, mirrored in answer.near.groups():
         first = answer.near.start[rows]
-        rotations, shifts = (gathered(session, name, first, its.length).astype(float) for name in ("rotations", "shifts"))
+        channels = (gathered(session, name, first, its.length) for name in ("rotations", "shifts"))
+        rotations, shifts = (each.astype(float) for each in channels)
         if mirrored:
             rotations, shifts = mirrored_channels(rotations, shifts, session, parents)
         base, base_shifts = bases.eased_channels(rotations, shifts, parents, lost.tolist(), inner, its, RATE)
@@ -99,8 +104,8 @@ def _answered(rig: Rig, answer: Answer, lost: Array, start: int, stop: int, fps:
         weights = answer.weights[rows]
         more += np.tensordot(weights, to_rotvec(multiply(inverse(base), truth)), 1)
         apart = shifts[:, its.missing][:, :, lost] - base_shifts
-        moved[:, ~roots] += np.tensordot(weights, apart[:, :, ~roots], 1)
-        moved[:, roots] += recalling.turned(apart[:, :, roots], answer.near.turn[rows], weights, False)
+        apart[:, :, roots] = recalling.turned(apart[:, :, roots], answer.near.turn[rows], False)
+        moved += np.tensordot(weights, apart, 1)
     frames = stop - start
     turns = multiply(turns, from_rotvec(answer.at_frames(more, frames)))
     return turns, places + answer.at_frames(moved, frames)

@@ -1,8 +1,9 @@
 """What of a window is compared: poses at a few frames, seam velocities, and what is seen through the gap.
 
-A window is a gap at `sessions.RATE` with up to CONTEXT frames beside each of its seams. Its places are compared after the
-turn about the vertical, and the shift along the floor, that bring two windows nearest to each other (Kabsch 1976): with
-the horizontal plane as complex numbers z + ix that is the phase of one inner product. Heights are compared as they are.
+A window is a gap at `sessions.RATE` with up to CONTEXT frames beside each of its seams. Its places are compared after
+the turn about the vertical, and the shift along the floor, that bring two windows nearest to each other (Kabsch 1976):
+with the horizontal plane as complex numbers z + ix that is the phase of one inner product. Heights are compared as they
+are.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ class Layout:
     """One kind of gap: what is lost in it, what is seen, and how many frames are known beside it.
 
     lost, anchors : `(lost,)` indices of points, and of the one that each is seen from.
-    seen : `(seen,)` those that are observed from end to end. anchor : of them, the one the others are seen from; -1 where
-        nothing else is seen, and the lost are seen from the world.
+    seen : `(seen,)` those that are observed from end to end. anchor : of them, the one the others are seen from; -1
+        where nothing else is seen, and the lost are seen from the world.
     before, after : frames known beside the seams, the seam's own not counted; -1 on the far side of a take's end.
     steps : from seam to seam, in frames at `sessions.RATE`; at a take's end, to its last frame.
     """
@@ -57,8 +58,9 @@ class Layout:
     @property
     def ends(self) -> Array:
         """The frames whose poses are compared: the seams, and two more on each side."""
-        away = [np.round(np.linspace(0, context, 3)).astype(int) if context >= 0 else () for context in (self.before, self.after)]
-        return np.unique([*(self.before - np.array(away[0], int)), *(self.missing[-1] + 1 + np.array(away[1], int))])
+        left, right = (np.round(np.linspace(0, max(some, 0), 3)).astype(int) for some in (self.before, self.after))
+        ends = [self.before - left] * (self.before >= 0) + [self.missing[-1] + 1 + right] * (self.after >= 0)
+        return np.unique(np.concatenate(ends))
 
     @property
     def seams(self) -> list[tuple[int, int]]:
@@ -83,7 +85,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A part of the descriptor: `weight` times the sum of some frames of a window, each times a factor, of some columns.
+    """A part of the descriptor: `weight` times the sum of some frames of a window, each by a factor, in some columns.
 
     free : whether it moves along the floor with the window.
     """
@@ -115,8 +117,10 @@ def terms(layout: Layout) -> list[Term]:
 
 
 def columns(positions: Array, layout: Layout) -> Array:
-    """What is compared of each frame: `(…, points, 3)` -> `(…, columns, 3)`. The lost as seen from their anchors, the seen
-    from theirs, and the anchor itself."""
+    """What is compared of each frame: `(…, points, 3)` -> `(…, columns, 3)`.
+
+    The lost as seen from their anchors, the seen from theirs, and the anchor itself.
+    """
     lost = positions[..., layout.lost, :]
     if layout.anchor < 0:
         return lost
@@ -133,7 +137,7 @@ def plane(vectors: Array) -> Array:
 
 def space(horizontal: Array, heights: Array) -> Array:
     """Vectors `(…, 3)` from their horizontal part and their heights."""
-    return np.stack([horizontal.imag, heights, horizontal.real], axis=-1)
+    return np.stack([np.imag(horizontal), heights, np.real(horizontal)], axis=-1)
 
 
 def descriptors(compared: Array, parts: list[Term]) -> tuple[Array, Array]:
@@ -141,7 +145,7 @@ def descriptors(compared: Array, parts: list[Term]) -> tuple[Array, Array]:
     compared = compared.astype(float)
     across, heights, weights, free = [], [], [], []
     for term in parts:
-        picked = sum(factor * compared[:, frame, term.columns] for frame, factor in zip(term.frames, term.factors))
+        picked = np.tensordot(term.factors, compared[:, list(term.frames), term.columns], (0, 1))
         across.append(term.weight * plane(picked))
         heights.append(term.weight * picked[..., 1])
         weights += [term.weight] * picked.shape[1]

@@ -31,6 +31,7 @@ class Filled(Fill):
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`."""
+        del gaps
         written = self.motion.observed & ~motion.observed
         out[written] = self.motion.positions[written]
         return self.gaps
@@ -57,7 +58,7 @@ class Recall(Fill):
         sessions = (remember(motion, None, ITSELF), *self.sessions)
         for rows, start, stop in together(gaps):
             lost = gaps.joint[rows]
-            answer = recalling.ask(motion, lost, start, stop, sessions, self.without)
+            answer = recalling.ask(motion, lost, start, stop, sessions, self.without, self.base)
             if answer is not None:
                 out[start:stop, lost] = self._answered(motion, answer, start, stop)
                 method[rows] = "recall"
@@ -72,14 +73,15 @@ class Recall(Fill):
         needed = np.union1d(answer.layout.lost, answer.layout.anchors if answer.layout.anchor >= 0 else ())
         layout, window = own_window(answer.layout, motion.observed[:, needed.astype(int)], start, stop, motion.fps)
         base = self.base(motion.positions[None, window].astype(float), layout, motion.fps)[0]
-        return base + answer.at_frames(answer.beyond(self.base), stop - start)
+        return base + answer.at_frames(answer.beyond, stop - start)
 
 
 def own_window(layout: Layout, observed: Array, start: int, stop: int, fps: float) -> tuple[Layout, slice]:
     """A gap's layout at its take's own rate, with so many frames beside it as a curve looks at and are observed."""
     reach = CURVES["eased"].reach(fps)
-    before = recalling.known(observed[max(start - reach, 0) : start].all(axis=1)[::-1])
-    after = recalling.known(observed[stop : stop + reach].all(axis=1))
+    whole = np.asarray(observed.all(axis=1))
+    before = recalling.known(whole[max(start - reach, 0) : start][::-1])
+    after = recalling.known(whole[stop : stop + reach])
     steps = stop - start + (before >= 0 and after >= 0)
     return replace(layout, before=before, after=after, steps=steps), slice(start - before - 1, stop + after + 1)
 

@@ -1,7 +1,7 @@
 """The windows of a memory that are most like a gap's: exact distances to all of them, by correlation.
 
-A window's distance to the gap's is |q|² + |w|² - 2 |<q, w>| - 2 <heights>, and both the norms and the inner products are
-sums of something of single frames, some frames apart. So nothing is kept for each length of gap: one matrix product
+A window's distance to the gap's is |q|² + |w|² - 2 |<q, w>| - 2 <heights>, and both the norms and the inner products
+are sums of something of single frames, some frames apart. So nothing is kept for each length of gap: one matrix product
 with the sessions' frames, and a few shifted sums.
 """
 
@@ -157,25 +157,31 @@ def _whole(session: Session, layout: Layout, without: frozenset[str]) -> Array:
         through = np.union1d(layout.anchors, layout.anchor)
         holes = np.cumsum(np.pad((session.trust[:, through] == UNKNOWN).any(axis=1), (1, 0)))
         whole &= holes[layout.length :] == holes[:count]
-        known = (session.trust[:, layout.seen] > UNKNOWN).all(axis=1)
+        known = np.asarray((session.trust[:, layout.seen] > UNKNOWN).all(axis=1))
         for frame in (*layout.ends, *layout.passing):
             whole &= known[frame : frame + count]
     return whole
 
 
 def _kernel(parts: list[Term], places: list[int], own: Array, heights: Array, layout: Layout) -> Array:
-    """`(3 places, 3 columns)` float32: what the frames' columns are multiplied with for the inner product with the gap's
-    descriptor, at each place the real part, the imaginary one, and that of heights."""
+    """What the frames' columns are multiplied with for the inner product with the gap's descriptor.
+
+    `(3 places, 3 columns)` float32: for each place the real part, the imaginary one, and that of heights.
+    """
     width = len(layout.lost) + (len(layout.seen) if layout.anchor >= 0 else 0)
     kernel = np.zeros((len(places), 3, width, 3))
     done = 0
     for term in parts:
         size = term.columns.stop - term.columns.start
-        a, b, c = (each[done : done + size] for each in (own.real, own.imag, heights))
+        a, b, c = (each[done : done + size] for each in (np.real(own), np.imag(own), heights))
         done += size
         for frame, factor in zip(term.frames, term.factors):
-            here = kernel[places.index(frame), :, term.columns]
-            here += term.weight * factor * np.array([[b, 0 * c, a], [a, 0 * c, -b], [0 * c, c, 0 * c]]).transpose(0, 2, 1)
+            here, by = kernel[places.index(frame), :, term.columns], term.weight * factor
+            here[0, :, 0] += by * b  # x, y, z
+            here[0, :, 2] += by * a
+            here[1, :, 0] += by * a
+            here[1, :, 2] -= by * b
+            here[2, :, 1] += by * c
     return kernel.reshape(3 * len(places), -1).astype(np.float32)
 
 

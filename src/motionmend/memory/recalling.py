@@ -15,6 +15,8 @@ from .sessions import RATE, Session, parts, thinned
 
 Array = np.ndarray
 
+APART = 5  # frames at RATE between the beginnings of windows, from which on they are told apart
+DOUBTFUL = 0.05  # an answer believed less is none
 LEAST = 16  # windows, of which fewer say nothing
 SHORTEST = 3  # frames at RATE from seam to seam
 
@@ -24,12 +26,14 @@ class Answer:
     """What memory says of one gap.
 
     layout : of the gap at RATE. near : the windows asked, weights `(near,)` : theirs.
+    taught `(near, missing, lost, 3)` : the neighbours' truth less their base, turned to the gap.
     step : frames of the take in one at RATE.
     """
 
     layout: Layout
     near: Neighbours
     weights: Array
+    taught: Array
     step: float
 
     def sources(self) -> list[tuple[str, float]]:
@@ -42,14 +46,10 @@ class Answer:
         whole = sum(shares.values())
         return sorted(((name, share / whole) for name, share in shares.items()), key=lambda each: (-each[1], each[0]))
 
-    def beyond(self, base: bases.Base = bases.eased) -> Array:
-        """`(missing, lost, 3)` at RATE: the weighted sum of the neighbours' truth less their base, turned to the gap."""
-        total = np.zeros((len(self.layout.missing), len(self.layout.lost), 3))
-        for rows, session, layout, mirrored in self.near.groups():
-            windows = gathered(session, "positions", self.near.start[rows], layout.length).astype(float)
-            more = windows[:, layout.missing][:, :, layout.lost] - base(windows, layout, RATE)
-            total += turned(more, self.near.turn[rows], self.weights[rows], mirrored)
-        return total
+    @property
+    def beyond(self) -> Array:
+        """`(missing, lost, 3)` at RATE, what is to be added to the gap's base."""
+        return np.tensordot(self.weights, self.taught, 1)
 
     def at_frames(self, values: Array, frames: int) -> Array:
         """`(missing, …)` at RATE -> `(frames, …)` of the take: a spline that is nothing, and at rest, at each seam."""
@@ -66,22 +66,23 @@ class Answer:
         else:
             knots, ends = np.concatenate([nothing, values, nothing]), (rest, rest)
             clock, times = np.arange(len(values) + 2), np.arange(1, frames + 1) / self.step
-        return CubicSpline(clock, knots, bc_type=ends)(times)
+        return CubicSpline(clock, knots, bc_type=ends)(times)  # pyright: ignore[reportArgumentType]
 
 
-def turned(more: Array, turn: Array, weights: Array, mirrored: bool) -> Array:
-    """The weighted sum of vectors `(near, …, 3)`, each turned about the vertical."""
-    across = plane(more)
+def turned(vectors: Array, turn: Array, mirrored: bool) -> Array:
+    """Vectors `(near, …, 3)`, each neighbour's turned about the vertical."""
+    across = plane(vectors)
     across = across.conj() if mirrored else across
-    return space(np.tensordot(weights * turn, across, 1), np.tensordot(weights, more[..., 1], 1))
+    return space(across * turn.reshape(-1, *[1] * (across.ndim - 1)), vectors[..., 1])
 
 
 def ask(
-    motion: Motion, lost: Array, start: int, stop: int, sessions: Sequence[Session], without: frozenset[str]
-) -> Answer | None:
+    motion: Motion, lost: Array, start: int, stop: int, sessions: Sequence[Session], without: frozenset[str],
+    base: bases.Base = bases.eased,
+) -> Answer | None:  # fmt: skip
     """What these sessions say of points lost in frames `[start, stop)`; None if nothing.
 
-    without : hashes of takes that are not to teach.
+    without : hashes of takes that are not to teach. base : what is taught is the difference to it.
     """
     posed = _posed(motion, lost, start, stop)
     if posed is None:
@@ -90,7 +91,36 @@ def ask(
     near = neighbours.nearest(window, layout, motion.skeleton.names, sessions, without)
     if near is None or len(near) < LEAST:
         return None
-    return Answer(layout, near, regression.weights(near.across, near.heights, near.own, near.distance), step)
+    taught = _taught(near, base)
+    weights, fitted = regression.weights(near.across, near.heights, near.own, near.distance)
+    belief = regression.believed(fitted, taught.reshape(len(near), -1), _stretches(near))
+    if belief < DOUBTFUL:
+        return None
+    weights *= belief
+    return Answer(layout, near, weights, taught, step)
+
+
+def _taught(near: Neighbours, base: bases.Base) -> Array:
+    """`(near, missing, lost, 3)` the neighbours' truth less their base, turned to the gap."""
+    taught = []
+    places = []
+    for rows, session, layout, mirrored in near.groups():
+        windows = gathered(session, "positions", near.start[rows], layout.length).astype(float)
+        more = windows[:, layout.missing][:, :, layout.lost] - base(windows, layout, RATE)
+        taught.append(turned(more, near.turn[rows], mirrored))
+        places.append(rows)
+    return np.concatenate(taught)[np.argsort(np.concatenate(places))]
+
+
+def _stretches(near: Neighbours) -> Array:
+    """`(near,)` which stretch each window belongs to: those of a take that begin within a few frames of each other."""
+    order = np.lexsort((near.start, near.mirrored, near.session))
+    first = np.ones(len(order), bool)
+    same = (np.diff(near.session[order]) == 0) & (near.mirrored[order][1:] == near.mirrored[order][:-1])
+    first[1:] = ~same | (np.diff(near.start[order]) > APART)
+    stretches = np.empty(len(order), int)
+    stretches[order] = np.cumsum(first)
+    return stretches
 
 
 def _posed(motion: Motion, lost: Array, start: int, stop: int) -> tuple[Layout, Array, float] | None:
@@ -115,7 +145,7 @@ def _posed(motion: Motion, lost: Array, start: int, stop: int) -> tuple[Layout, 
     at, beyond = parts(np.clip(times[inside], 0, frames - 1) - first)
     positions[inside], seen[inside] = thinned(motion.positions[some], motion.observed[some], at, beyond)
     gap = (times > start - 1 + 1e-3) & (times < stop - 1e-3)
-    whole = seen[:, lost].all(axis=1)
+    whole = np.asarray(seen[:, lost].all(axis=1))
     before, after = known(whole[: np.argmax(gap)][::-1]), known(whole[len(gap) - np.argmax(gap[::-1]) :])
     if max(before, after) < 0 or whole[gap].any():
         return None

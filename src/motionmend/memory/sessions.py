@@ -70,8 +70,10 @@ class Session:
 
     @cached_property
     def twins(self) -> Array | None:
-        """`(points,)` the index of each point's left or right twin, or its own; None where nothing has sides, or where a
-        rig's are not each other's mirror image."""
+        """`(points,)` the index of each point's left or right twin, or its own.
+
+        None where nothing has sides, or where a rig's are not each other's mirror image.
+        """
         pairs = mirrored_pairs(self.skeleton.names)
         if not pairs:
             return None
@@ -139,9 +141,8 @@ def remember(motion: Motion, rig: Rig | None, name: str, sha256: str = "") -> Se
 def with_ends(rig: Rig, motion: Motion) -> Motion:
     """A rig's motion, with the ends of its bones as more joints; a joint without a child or an end is its own."""
     places, turns = rig.kinematics
-    owning = {joint for joint, _ in rig.ends}
-    ends = [*rig.ends]
-    ends += [(joint, np.zeros(3)) for joint, below in enumerate(rig.skeleton.children) if not below and joint not in owning]
+    bare = {joint for joint, below in enumerate(rig.skeleton.children) if not below} - {joint for joint, _ in rig.ends}
+    ends = [*rig.ends, *((joint, np.zeros(3)) for joint in sorted(bare))]
     owners = np.array([joint for joint, _ in ends])
     tips = places[:, owners] + apply(turns[:, owners], np.array([offset for _, offset in ends]))
     names = [f"{rig.skeleton.names[joint]}{END}" for joint in owners]

@@ -42,7 +42,7 @@ def learn(
 
     Raises
     ------
-    InputError : for a file that cannot be read, a folder or pattern without takes, and if nothing is left to learn from.
+    InputError : for a file that cannot be read, a folder without takes, and if nothing is left to learn from.
     """
     sessions: list[Session] = []
     for teacher in teachers:
@@ -89,7 +89,8 @@ def _files(teacher: str | os.PathLike) -> list[Path]:
         if not found:
             raise InputError("no take is in this folder", where=path, expected="files such as walk.bvh or walk.c3d")
         return found
-    if not path.exists() and (found := sorted(map(Path, glob.glob(str(teacher), recursive=True)))):
+    pattern = str(teacher)  # which may begin at the root, unlike those of Path.glob
+    if not path.exists() and (found := sorted(map(Path, glob.glob(pattern, recursive=True)))):  # noqa: PTH207
         return [each for each in found if each.is_file()]
     return [path]  # what is wrong with it is told when it is read
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,7 +48,7 @@ def repair(
     join: bool = False,
     seed: int = 0,
     variant: int = 1,
-    learn: Memory | Iterable[Teacher] = (),
+    learn: Memory | Teacher | Iterable[Teacher] = (),
     map: str | Path | dict[str, str] | None = None,
     stage: Stage = silent,
 ) -> Take:
@@ -62,7 +63,7 @@ def repair(
         `lost` is given. Without it, what these name is all that is repaired.
     method : "linear", "hermite", "eased", "cubic", "pattern", "bones", "rigid", "local", "regression", "pca",
         "average", "mend", "xmae" or "convae" (networks), "trajevae" (one plausible way of many), "recall" (as the take
-        itself and others did in similar stretches), or "auto", which is "recall" where there is something to `learn`
+        itself and others moved in similar stretches), or "auto", which is "recall" where there is something to `learn`
         from.
     donors : names that "pattern", "rigid" and the fills that learn may follow; by default they choose for themselves.
     max_gap : fill gaps up to so long (frames, or "0.5s"). Longer ones are left, and marked as missing in
@@ -87,10 +88,12 @@ def repair(
         that has one answer, and if nothing in the take can be trusted.
     """
     must_vary(method, variant, seed)
-    memory = learn if isinstance(learn, Memory) else learned(teachers, stage=stage) if (teachers := [*learn]) else None
-    if memory is not None and method not in ("auto", RECALL):
-        raise InputError(f"method {method!r} does not learn from other takes", hint=f"say {RECALL!r}, or leave learn out")
-    method = RECALL if memory is not None else method
+    memory = _memory(learn, stage)
+    if memory is not None:
+        if method not in ("auto", RECALL):
+            hint = f"say {RECALL!r}, or leave learn out"
+            raise InputError(f"method {method!r} learns from no other takes", hint=hint)
+        method = RECALL
     asked = mask_of(take, gaps, lost)
     overrides = map if isinstance(map, dict) or map is None else read_map(map)
     findings, whole, wrong = (), take, asked | ~take.trusted
@@ -190,6 +193,13 @@ def _open_ends(take: Take) -> Array:
     return ends
 
 
+def _memory(learn: Memory | Teacher | Iterable[Teacher], stage: Stage) -> Memory | None:
+    if isinstance(learn, Memory):
+        return learn
+    teachers = [learn] if isinstance(learn, str | os.PathLike | Take) else [*learn]
+    return learned(teachers, stage=stage) if teachers else None
+
+
 def _put_back(filled: Take, source: Take, kept: Array) -> Take:
     """`filled` with the samples in `kept` as `source` has them, its trust included."""
     if not kept.any():
@@ -239,7 +249,7 @@ def _rows(take: Take, gaps: Gaps, wanted: Array, asked: str, because: str = "") 
 def _why(gaps: Gaps, row: int, method: str, asked: str, kind: str) -> str:
     if gaps.is_blank[row]:
         return "never seen" + (", as asked" if method else "")
-    if method == RECALL or asked == RECALL and row in gaps.reasons:
+    if method == RECALL or (asked == RECALL and row in gaps.reasons):
         return gaps.reasons[row]
     if gaps.is_edge[row]:
         side = "after" if gaps.before[row] else "before"
