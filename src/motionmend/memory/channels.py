@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..gaps import Gaps
-from ..motion import Motion, Rig
+from ..motion import Motion, Rig, Take
 from ..rotations import from_rotvec, inverse, multiply, to_rotvec
 from . import bases, recalling
 from .filling import ITSELF, own_window, together, told
-from .neighbours import gathered
+from .neighbours import ALIKE, gathered
 from .recalling import Answer
 from .sessions import RATE, Session, mirror_axis, remember, with_ends
 
@@ -35,7 +35,7 @@ def recall_rig(
     motion : of `rig`. gaps : of `rig`, as they were filled in `filled`. sessions, without : see `filling.Recall`.
     """
     rotations, shifts = filled.rotations.copy(), filled.translations.copy()
-    trusted, method, reasons = filled.trusted.copy(), gaps.method.copy(), dict(gaps.reasons)
+    trusted, method, reasons = filled.trusted.copy(), gaps.method.astype("U12"), dict(gaps.reasons)
     points = with_ends(rig, motion)
     able = [session for session in (remember(motion, rig, ITSELF), *sessions) if _alike(session, rig)]
     moves = rig.moves | (np.array(rig.skeleton.parents) < 0)
@@ -53,6 +53,16 @@ def recall_rig(
         reasons |= dict.fromkeys(rows.tolist(), told(answer))
     filled = replace(filled, rotations=rotations, translations=shifts, trusted=trusted)
     return filled, replace(gaps, method=method, reasons=reasons)
+
+
+def unlike(sessions: Sequence[Session], take: Take) -> int:
+    """How many takes in memory can teach this one nothing, because their joints or markers are others."""
+    if take.rig is None:
+        names = set(take.skeleton.names)
+        strange = [len(names & session.index.keys()) < ALIKE * len(names) for session in sessions]
+    else:
+        strange = [not _alike(session, take.rig) for session in sessions]
+    return sum(len(session.takes) for session, other in zip(sessions, strange) if other)
 
 
 def _alike(session: Session, rig: Rig) -> bool:

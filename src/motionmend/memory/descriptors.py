@@ -72,8 +72,8 @@ class Layout:
     @property
     def passing(self) -> Array:
         """The frames inside the gap at which what is seen is compared."""
-        spread = np.linspace(self.missing[0], self.missing[-1], min(THROUGH, len(self.missing)))
-        return np.unique(np.round(spread).astype(int))
+        away = np.linspace(0, (len(self.missing) - 1) / 2, (THROUGH + 1) // 2).astype(int)  # from both seams alike
+        return np.union1d(self.missing[0] + away, self.missing[-1] - away)
 
     def moved(self, index: Array) -> Layout:
         """The same gap of other points: `index (points,)` says which stands for each."""

@@ -54,7 +54,7 @@ class Recall(Fill):
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`."""
         done = self.otherwise.fill_gaps(out, motion, gaps)
-        method, reasons, donors = done.method.copy(), dict(done.reasons), dict(done.donors)
+        method, reasons, donors = done.method.astype("U12"), dict(done.reasons), dict(done.donors)
         sessions = (remember(motion, None, ITSELF), *self.sessions)
         for rows, start, stop in together(gaps):
             lost = gaps.joint[rows]

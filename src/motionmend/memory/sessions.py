@@ -139,10 +139,13 @@ def remember(motion: Motion, rig: Rig | None, name: str, sha256: str = "") -> Se
 
 
 def with_ends(rig: Rig, motion: Motion) -> Motion:
-    """A rig's motion, with the ends of its bones as more joints; a joint without a child or an end is its own."""
+    """A rig's motion, with the ends of its bones as more joints.
+
+    A joint without a child or an end gets one as far beyond it as the joint is beyond its parent, so that its turn shows.
+    """
     places, turns = rig.kinematics
     bare = {joint for joint, below in enumerate(rig.skeleton.children) if not below} - {joint for joint, _ in rig.ends}
-    ends = [*rig.ends, *((joint, np.zeros(3)) for joint in sorted(bare))]
+    ends = [*rig.ends, *((joint, rig.offsets[joint]) for joint in sorted(bare))]
     owners = np.array([joint for joint, _ in ends])
     tips = places[:, owners] + apply(turns[:, owners], np.array([offset for _, offset in ends]))
     names = [f"{rig.skeleton.names[joint]}{END}" for joint in owners]

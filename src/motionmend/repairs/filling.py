@@ -83,7 +83,8 @@ def _recalled(
     filled, gaps = fill(take, "auto", donors, legs, mapping)
     if take.rig is None:
         motion, gaps = Recall(teachers, without, Filled(filled.motion, gaps)).fill(take.motion)
-        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
+        answered = gaps.pick(gaps.method == RECALL)  # the others have paid already
+        return take.with_motion(_bones_kept(take.motion, motion, answered)), gaps
     assert filled.rig is not None
     rig, gaps = recall_rig(take.rig, take.motion, filled.rig, gaps, teachers, without)
     return take.with_rig(rig), gaps

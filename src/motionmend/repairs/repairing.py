@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..fills.kinds import KINDS, point_kinds, rig_kinds
 from ..fills.points import FILLS
 from ..gaps import Gaps, longer
+from ..memory.channels import unlike
 from ..memory.sessions import content
 from ..memory.storing import Memory
 from ..motion import Array, Take
@@ -131,6 +132,10 @@ def repair(
 
     mapping = map_rig(take.skeleton, take.motion.positions, overrides)
     legs = feet.legs(mapping.joints) if mapping.is_person else []
+    notes = take.notes
+    if memory is not None and (mute := unlike(memory.sessions, damaged)):
+        whole_memory = sum(len(session.takes) for session in memory.sessions)
+        notes += (f"{mute} of {whole_memory} takes to learn from have other joints or markers, and teach nothing here",)
     stage("filling gaps")
     teaching = (memory.sessions if memory else (), content(take)) if method == RECALL else ((), "")
     filled, done = fill(damaged, method, donors, legs, mapping, seed, variant, *teaching)
@@ -167,7 +172,7 @@ def repair(
         + _rows(damaged, done, nameless & ~not_named, method, "a track without a label is not continued")
         + _rows(damaged, done, not_named, method, "missing, but not named"),
         checks=checked,
-        notes=take.notes,
+        notes=notes,
         denoised=denoised,
         seed=seed if method in GENERATIVE else None,
         variant=variant if method in GENERATIVE else None,
