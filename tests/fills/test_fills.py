@@ -18,10 +18,11 @@ from motionmend.fills.channels import RIG_FILLS, fill_rig
 from motionmend.fills.kinds import rig_kinds
 from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
+from motionmend.memory.filling import Recall
 from motionmend.motion import Motion, Skeleton, runs
 from rigs import random_rig
 
-METHODS = {**FILLS, "auto": Auto()}
+METHODS = {**FILLS, "auto": Auto(), "recall": Recall()}
 RIG_METHODS = {**{name: name for name in RIG_FILLS}, "auto": rig_methods}
 CURVES = ("linear", "hermite", "eased", "cubic")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..fills.curves import CURVES
-from ..fills.points import CurveFill, Fill
+from ..fills.points import FILLS, Fill
 from ..gaps import Gaps
 from ..motion import Motion
 from . import bases, recalling
@@ -48,7 +48,7 @@ class Recall(Fill):
 
     sessions: Sequence[Session] = ()
     without: frozenset[str] = frozenset()
-    otherwise: Fill = field(default_factory=lambda: CurveFill("eased"))
+    otherwise: Fill = field(default_factory=lambda: FILLS["bones"])
     base: bases.Base = bases.eased
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .descriptors import Layout, Term, columns, descriptors, plane, terms
+from .descriptors import Layout, Term, columns, descriptors, terms
 from .sessions import SEEN, UNKNOWN, Session
 
 Array = np.ndarray
 
 NEAREST = 256
 BLOCK = 1 << 15  # frames at a time, which stay in the processor's cache
+SIZES_KEPT = 8
 ALIKE = 0.5  # of what is seen in the gap, the share that a session must have
 
 
@@ -117,32 +118,30 @@ def _candidates(
 ) -> tuple[Array, Array]:
     """First frames and squared distances of twice as many windows as are wanted, those that come nearest."""
     whole = _whole(session, layout, without)
-    starts = np.flatnonzero(whole)
+    starts, count = np.flatnonzero(whole), len(whole)
     if not len(starts):
         return starts, np.zeros(0)
     places = sorted({frame for term in parts for frame in term.frames})
-    kernel = _kernel(parts, places, own, heights, layout)
+    kernel = _kernel(parts, places, own, heights, layout) @ _selection(session, layout).T
     products = np.empty((len(kernel), len(session)), np.float32)
-    sizes = {kind: np.empty(len(session), complex if kind[2] == "sum" else float) for kind in _kinds(parts)}
+    flat = session.positions.reshape(len(session), -1)
     for first in range(0, len(session), BLOCK):
-        block = columns(session.positions[first : first + BLOCK + 1], layout)
-        inside = slice(first, min(first + BLOCK, len(session)))
-        flat = block[: inside.stop - first].reshape(inside.stop - first, -1)
-        np.matmul(kernel, flat.T, out=products[:, inside])
-        for kind, size in sizes.items():
-            size[inside] = _size(block, kind)[: inside.stop - first]
-    count = len(whole)
-    turned, level = np.zeros((2, count)), np.zeros(count)
+        np.matmul(kernel, flat[first : first + BLOCK].T, out=products[:, first : first + BLOCK])
+    inner = np.zeros((3, count), np.float32)
     for place, frame in enumerate(places):
-        here = slice(frame, frame + count)
-        turned += products[3 * place : 3 * place + 2, here]
-        level += products[3 * place + 2, here]
+        inner += products[3 * place : 3 * place + 3, frame : frame + count]
     size = float(np.sum(np.abs(own) ** 2) + np.sum(heights**2))
-    distance = _norms(parts, sizes, count) + size - 2 * np.hypot(*turned) - 2 * level
+    distance = _norms(parts, _sizes(session, layout, parts), count) + size - 2 * np.hypot(*inner[:2]) - 2 * inner[2]
     distance = distance[starts]
     most = min(2 * NEAREST, len(starts))
     picked = np.argpartition(distance, most - 1)[:most]
     return starts[picked], distance[picked]
+
+
+def _selection(session: Session, layout: Layout) -> Array:
+    """`(3 points, 3 columns)` float32: what makes `columns` of a frame's points, as a matrix."""
+    points = len(session.skeleton)
+    return columns(np.eye(3 * points, dtype=np.float32).reshape(-1, points, 3), layout).reshape(3 * points, -1)
 
 
 def _whole(session: Session, layout: Layout, without: frozenset[str]) -> Array:
@@ -188,23 +187,44 @@ def _kernel(parts: list[Term], places: list[int], own: Array, heights: Array, la
 Kind = tuple[int, int, str]  # first column, the one after the last, and what is made of them
 
 
-def _kinds(parts: list[Term]) -> list[Kind]:
-    """What of single frames the norms are made of."""
-    kinds: list[Kind] = []
-    for term in parts:
-        wanted = ["squares", "sum"] if term.free else ["steps" if len(term.frames) > 1 else "squares"]
-        kinds += [term.kind(name) for name in wanted if term.kind(name) not in kinds]
-    return kinds
+def _sizes(session: Session, layout: Layout, parts: list[Term]) -> dict[Kind, Array]:
+    """What of single frames `(frames,)` the norms are made of: sums of squares, of squared steps, and of places.
 
+    Kept with the session for the gaps to come, which often lost the same points.
+    """
+    key = tuple(sorted(layout.lost)) if layout.anchor < 0 else tuple(map(tuple, (layout.lost, layout.anchors, layout.seen)))
+    if key in session.sizes:
+        return session.sizes[key]
+    select, flat = _selection(session, layout), session.positions.reshape(len(session), -1)
+    slices = sorted({(term.columns.start, term.columns.stop) for term in parts})
+    moving = sorted({(term.columns.start, term.columns.stop) for term in parts if len(term.frames) > 1})
+    free = sorted({(term.columns.start, term.columns.stop) for term in parts if term.free})
 
-def _size(block: Array, kind: Kind) -> Array:
-    first, stop, name = kind
-    picked = block[:, first:stop]
-    if name == "sum":
-        return plane(picked).sum(axis=1)
-    if name == "steps":
-        picked = np.diff(picked, axis=0, append=picked[-1:])
-    return np.einsum("fcd,fcd->f", picked, picked)
+    def within(some: list[tuple[int, int]], axes: Sequence[int] = (0, 1, 2)) -> Array:
+        found = np.zeros((len(some), select.shape[1] // 3, 3), np.float32)
+        for row, (first, stop) in enumerate(some):
+            found[row, first:stop, list(axes)] = 1
+        return found.reshape(len(some), -1).T
+
+    squares, steps, along, across = (
+        np.zeros((len(session), len(some)), np.float32) for some in (slices, moving, free, free)
+    )
+    for first in range(0, len(session), BLOCK):
+        block = flat[first : first + BLOCK + 1] @ select
+        here = slice(first, min(first + BLOCK, len(session)))
+        count = here.stop - first
+        along[here], across[here] = (block[:count] @ within(free, [axis]) for axis in (2, 0))
+        if moving:
+            apart = np.diff(block, axis=0)
+            steps[first : first + len(apart)] = np.square(apart, out=apart) @ within(moving)
+        squares[here] = np.square(block[:count], out=block[:count]) @ within(slices)
+    sizes = {(*each, "squares"): squares[:, row] for row, each in enumerate(slices)}
+    sizes |= {(*each, "steps"): steps[:, row] for row, each in enumerate(moving)}
+    sizes |= {(*each, "sum"): along[:, row] + 1j * across[:, row] for row, each in enumerate(free)}
+    while len(session.sizes) >= SIZES_KEPT:
+        del session.sizes[next(iter(session.sizes))]
+    session.sizes[key] = sizes
+    return sizes
 
 
 def _norms(parts: list[Term], sizes: dict[Kind, Array], count: int) -> Array:

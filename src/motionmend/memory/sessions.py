@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,7 @@ class Session:
     offsets: Array | None = None
     rotations: Array | None = None
     shifts: Array | None = None
+    sizes: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # what `neighbours` keeps for the next gap
 
     def __len__(self) -> int:
         return len(self.positions)
