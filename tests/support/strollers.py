@@ -1,4 +1,4 @@
-"""Made-up walkers for the tests of what learns from other takes: the same steps again and again, never quite the same."""
+"""Made-up walkers for the tests of what learns from other takes: the same steps again, never quite the same."""
 
 from __future__ import annotations
 

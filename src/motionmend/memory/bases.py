@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..fills.curves import CURVES
-from ..rotations import forward_kinematics, from_rotvec, inverse, multiply, to_rotvec
+from ..rotations import from_rotvec, inverse, multiply, to_rotvec
 from .descriptors import Layout, columns
 
 Array = np.ndarray
@@ -32,12 +32,17 @@ def eased(windows: Array, layout: Layout, fps: float) -> Array:
 def _crossed(values: Array, layout: Layout, fps: float) -> Array:
     """`(windows, frames, …)` -> `(windows, missing, …)` by the curve; past a seam without a far side it settles."""
     known = np.setdiff1d(np.arange(layout.length), layout.missing)
-    weights = CURVES["eased"].across(len(layout.missing), known - layout.before, fps)
-    return np.moveaxis(np.tensordot(weights, values[:, known], (1, 1)), 0, 1)
+    return np.moveaxis(np.tensordot(_weights(layout, fps), values[:, known], (1, 1)), 0, 1)
+
+
+def _weights(layout: Layout, fps: float) -> Array:
+    """`(missing, known)` the curve as a matrix."""
+    known = np.setdiff1d(np.arange(layout.length), layout.missing)
+    return CURVES["eased"].across(len(layout.missing), known - layout.before, fps)
 
 
 def eased_channels(
-    rotations: Array, shifts: Array, parents: Sequence[int], lost: Sequence[int], inner: Sequence[int], layout: Layout,
+    rotations: Array, shifts: Array, parents: Sequence[int], lost: list[int], inner: Sequence[int], layout: Layout,
     fps: float,
 ) -> tuple[Array, Array]:
     """The same of a rig's channels: local turns `(windows, missing, lost, 4)` and shifts `(windows, missing, lost, 3)`.
@@ -46,19 +51,28 @@ def eased_channels(
     inner : those of them whose turn is crossed as seen from the parent, because that is not known; all others in the
         world, as `fills.channels` does.
     """
-    count, frames, joints = rotations.shape[:3]
-    turns = rotations.reshape(-1, joints, 4).astype(float)
-    world = forward_kinematics(turns, np.zeros((len(turns), joints, 3)), parents)[1].reshape(count, frames, joints, 4)
-    turns = turns.reshape(count, frames, joints, 4)
-    missing, found = layout.missing, np.empty((count, len(layout.missing), len(lost), 4))
-    for place, joint in enumerate(lost):
-        parent = parents[joint]
-        local = joint in inner or parent < 0
-        crossed = _crossed_turns(turns[:, :, joint] if local else world[:, :, joint], layout, fps)
-        found[:, :, place] = crossed if local else multiply(inverse(world[:, missing, parent]), crossed)
-        above = found[:, :, place] if parent < 0 else multiply(world[:, missing, parent], found[:, :, place])
-        world[:, missing, joint] = above
-    return found, _crossed(shifts[:, :, lost].astype(float), layout, fps)
+    missing, world = layout.missing, {}
+    found = np.empty((len(rotations), len(missing), len(lost), 4), rotations.dtype)
+    for joint in _with_ancestors(lost, parents):
+        parent, own = parents[joint], rotations[:, :, joint]
+        turn = own.copy() if parent < 0 else multiply(world[parent], own)
+        if joint in lost:
+            local = joint in inner or parent < 0
+            crossed = _crossed_turns(own if local else turn, layout, fps)
+            turn[:, missing] = multiply(world[parent][:, missing], crossed) if local and parent >= 0 else crossed
+            above = None if local else inverse(world[parent][:, missing])
+            found[:, :, lost.index(joint)] = crossed if above is None else multiply(above, crossed)
+        world[joint] = turn
+    return found, _crossed(shifts[:, :, lost], layout, fps)
+
+
+def _with_ancestors(joints: Sequence[int], parents: Sequence[int]) -> list[int]:
+    """These joints and all above them, parents first."""
+    wanted = set(joints)
+    for joint in reversed(range(len(parents))):
+        if joint in wanted and parents[joint] >= 0:
+            wanted.add(parents[joint])
+    return sorted(wanted)
 
 
 def _crossed_turns(turns: Array, layout: Layout, fps: float) -> Array:
@@ -66,5 +80,6 @@ def _crossed_turns(turns: Array, layout: Layout, fps: float) -> Array:
     before, after = layout.before, int(layout.missing[-1]) + 1
     start, stop = turns[:, before if before >= 0 else after], turns[:, after if layout.after >= 0 else before]
     middle = multiply(start, from_rotvec(to_rotvec(multiply(inverse(start), stop)) / 2))[:, None]
-    vectors = to_rotvec(multiply(inverse(middle), turns))
-    return multiply(middle, from_rotvec(_crossed(vectors, layout, fps)))
+    known = np.setdiff1d(np.arange(layout.length), layout.missing)
+    vectors = to_rotvec(multiply(inverse(middle), turns[:, known]))
+    return multiply(middle, from_rotvec(np.moveaxis(np.tensordot(_weights(layout, fps), vectors, (1, 1)), 0, 1)))

@@ -27,23 +27,23 @@ LEANING = 0.1  # of a bone's length by which its direction may differ between ri
 
 
 def recall_rig(
-    rig: Rig, motion: Motion, filled: Rig, gaps: Gaps, sessions: Sequence[Session] = (),
-    without: frozenset[str] = frozenset(),
+    rig: Rig, motion: Motion, sessions: Sequence[Session] = (), without: frozenset[str] = frozenset()
 ) -> tuple[Rig, Gaps]:
-    """`filled`, with those gaps of `rig` that memory has an answer for as it says, and the gaps, told.
+    """`rig`, with those of its gaps filled that memory has an answer for, and all its gaps, told.
 
-    motion : of `rig`. gaps : of `rig`, as they were filled in `filled`. sessions, without : see `filling.Recall`.
+    motion : of `rig`. sessions, without : see `filling.Recall`.
     """
-    rotations, shifts = filled.rotations.copy(), filled.translations.copy()
-    trusted, method, reasons = filled.trusted.copy(), gaps.method.astype("U12"), dict(gaps.reasons)
+    gaps = Gaps.of(rig.trusted)
+    rotations, shifts, trusted = rig.rotations.copy(), rig.translations.copy(), rig.trusted.copy()
+    method, reasons = gaps.method.copy(), {}
     points = with_ends(rig, motion)
     able = [session for session in (remember(motion, rig, ITSELF), *sessions) if _alike(session, rig)]
     moves = rig.moves | (np.array(rig.skeleton.parents) < 0)
     for rows, start, stop in together(gaps):
         lost = np.sort(gaps.joint[rows])
         hanging = _hanging(points, rig, lost, start, stop)
-        answer = recalling.ask(points, hanging, start, stop, able, without) if len(hanging) else None
-        if answer is not None:
+        answer = recalling.ask(points, hanging, start, stop, able, without) if len(hanging) else recalling.TOO_SHORT
+        if isinstance(answer, Answer):
             turns, places = _answered(rig, answer, lost, start, stop, motion.fps)
             rotations[start:stop, lost] = turns
             moving = moves[lost]
@@ -51,7 +51,7 @@ def recall_rig(
             trusted[start:stop, lost] = True
             method[rows] = "recall"
         reasons |= dict.fromkeys(rows.tolist(), told(answer))
-    filled = replace(filled, rotations=rotations, translations=shifts, trusted=trusted)
+    filled = replace(rig, rotations=rotations, translations=shifts, trusted=trusted)
     return filled, replace(gaps, method=method, reasons=reasons)
 
 
@@ -105,8 +105,7 @@ def _answered(rig: Rig, answer: Answer, lost: Array, start: int, stop: int, fps:
     roots = np.array([parents[joint] < 0 for joint in lost])
     for rows, session, its, mirrored in answer.near.groups():
         first = answer.near.start[rows]
-        channels = (gathered(session, name, first, its.length) for name in ("rotations", "shifts"))
-        rotations, shifts = (each.astype(float) for each in channels)
+        rotations, shifts = (gathered(session, name, first, its.length) for name in ("rotations", "shifts"))
         if mirrored:
             rotations, shifts = mirrored_channels(rotations, shifts, session, parents)
         base, base_shifts = bases.eased_channels(rotations, shifts, parents, lost.tolist(), inner, its, RATE)
@@ -138,11 +137,11 @@ def mirrored_channels(
     axis = mirror_axis(session.offsets, twins)
     assert axis is not None
     flip = np.where(np.arange(3) == axis, -1.0, 1.0)
-    rotations = rotations[..., twins, :] * np.append(-flip, 1.0)
-    shifts = shifts[..., twins, :] * flip
+    rotations = rotations[..., twins, :] * np.append(-flip, 1.0).astype(rotations.dtype)
+    shifts = shifts[..., twins, :] * flip.astype(shifts.dtype)
     for root in np.flatnonzero(np.array(parents) < 0):
         shifts[..., root, :] *= flip * [-1, 1, 1]
         if axis != 0:  # the world is mirrored in x, the rest pose in another axis: half a turn about the third
-            half = np.append(np.isin(np.arange(3), (0, axis), invert=True), 0.0).astype(float)
+            half = np.append(np.isin(np.arange(3), (0, axis), invert=True), False).astype(rotations.dtype)
             rotations[..., root, :] = multiply(half, rotations[..., root, :])
     return rotations, shifts

@@ -19,22 +19,7 @@ Array = np.ndarray
 
 ITSELF = "itself"  # the take whose gap it is, among those that teach
 MOST_NAMED = 3  # takes that a reason names
-TOLD = 0.05  # a take that has less of the weight is not named
-
-
-@dataclass(frozen=True, eq=False)
-class Filled(Fill):
-    """Writes what was filled before: `motion`, whose gaps were these."""
-
-    motion: Motion
-    gaps: Gaps
-
-    def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
-        """See `Fill.fill_gaps`."""
-        del gaps
-        written = self.motion.observed & ~motion.observed
-        out[written] = self.motion.positions[written]
-        return self.gaps
+TOLD, UNTOLD = 0.05, 0.005  # a take that has less of the weight is not named, or not even counted
 
 
 @dataclass(frozen=True)
@@ -53,20 +38,19 @@ class Recall(Fill):
 
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`."""
-        done = self.otherwise.fill_gaps(out, motion, gaps)
-        method, reasons, donors = done.method.astype("U12"), dict(done.reasons), dict(done.donors)
+        method, reasons, observed = gaps.method.copy(), {}, motion.observed.copy()
         sessions = (remember(motion, None, ITSELF), *self.sessions)
         for rows, start, stop in together(gaps):
             lost = gaps.joint[rows]
             answer = recalling.ask(motion, lost, start, stop, sessions, self.without, self.base)
-            if answer is not None:
+            if isinstance(answer, recalling.Answer):
                 out[start:stop, lost] = self._answered(motion, answer, start, stop)
-                method[rows] = "recall"
-            for row in rows.tolist():
-                reasons[row] = told(answer)
-                if answer is not None:
-                    donors.pop(row, None)
-        return replace(done, method=method, reasons=reasons, donors=donors)
+                observed[start:stop, lost], method[rows] = True, "recall"
+            reasons |= dict.fromkeys(rows.tolist(), told(answer))
+        left = np.flatnonzero(method != "recall")
+        told_so_far = replace(motion, positions=out.copy(), observed=observed)
+        others = self.otherwise.fill_gaps(out, told_so_far, gaps.pick(left))
+        return taken_over(replace(gaps, method=method, reasons=reasons), others, left)
 
     def _answered(self, motion: Motion, answer: recalling.Answer, start: int, stop: int) -> Array:
         """`(frames, lost, 3)` at the take's rate: its base, and what the neighbours add."""
@@ -74,6 +58,13 @@ class Recall(Fill):
         layout, window = own_window(answer.layout, motion.observed[:, needed.astype(int)], start, stop, motion.fps)
         base = self.base(motion.positions[None, window].astype(float), layout, motion.fps)[0]
         return base + answer.at_frames(answer.beyond, stop - start)
+
+
+def taken_over(gaps: Gaps, others: Gaps, rows: Array) -> Gaps:
+    """The gaps, of which other fills have written those in `rows`."""
+    method = gaps.method.copy()
+    method[rows] = others.method
+    return replace(gaps, method=method, donors={int(rows[row]): donors for row, donors in others.donors.items()})
 
 
 def own_window(layout: Layout, observed: Array, start: int, stop: int, fps: float) -> tuple[Layout, slice]:
@@ -94,11 +85,11 @@ def together(gaps: Gaps) -> Iterator[tuple[Array, int, int]]:
         yield rows[which.reshape(-1) == number], start, stop
 
 
-def told(answer: recalling.Answer | None) -> str:
-    """For the report: from which takes a gap was filled."""
-    if answer is None:
-        return "memory has too few stretches like it"
-    sources = answer.sources()
+def told(answer: recalling.Answer | str) -> str:
+    """For the report: from which takes a gap was filled, or why from none."""
+    if isinstance(answer, str):
+        return answer
+    sources = [(name, share) for name, share in answer.sources() if share >= UNTOLD]
     named = [f"{name} ({share:.0%})" for name, share in sources[:MOST_NAMED] if share >= TOLD]
     more = len(sources) - len(named)
     return "as in " + ", ".join(named or [sources[0][0]]) + (f" and {more} more" if more else "")

@@ -192,7 +192,9 @@ def _sizes(session: Session, layout: Layout, parts: list[Term]) -> dict[Kind, Ar
 
     Kept with the session for the gaps to come, which often lost the same points.
     """
-    key = tuple(sorted(layout.lost)) if layout.anchor < 0 else tuple(map(tuple, (layout.lost, layout.anchors, layout.seen)))
+    key = tuple(sorted(layout.lost))
+    if layout.anchor >= 0:
+        key = tuple(layout.lost), tuple(layout.anchors), tuple(layout.seen), layout.anchor
     if key in session.sizes:
         return session.sizes[key]
     select, flat = _selection(session, layout), session.positions.reshape(len(session), -1)

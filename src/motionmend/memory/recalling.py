@@ -19,6 +19,9 @@ APART = 5  # frames at RATE between the beginnings of windows, from which on the
 DOUBTFUL = 0.05  # an answer believed less is none
 LEAST = 16  # windows, of which fewer say nothing
 SHORTEST = 3  # frames at RATE from seam to seam
+TOO_SHORT = "too short, or too little seen beside it, to be recalled"
+TOO_FEW = "memory has too few stretches like it"
+UNLIKE = "the stretches like it do not agree on how it goes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,23 +82,23 @@ def turned(vectors: Array, turn: Array, mirrored: bool) -> Array:
 def ask(
     motion: Motion, lost: Array, start: int, stop: int, sessions: Sequence[Session], without: frozenset[str],
     base: bases.Base = bases.eased,
-) -> Answer | None:  # fmt: skip
-    """What these sessions say of points lost in frames `[start, stop)`; None if nothing.
+) -> Answer | str:  # fmt: skip
+    """What these sessions say of points lost in frames `[start, stop)`, or why they say nothing.
 
     without : hashes of takes that are not to teach. base : what is taught is the difference to it.
     """
     posed = _posed(motion, lost, start, stop)
     if posed is None:
-        return None
+        return TOO_SHORT
     layout, window, step = posed
     near = neighbours.nearest(window, layout, motion.skeleton.names, sessions, without)
     if near is None or len(near) < LEAST:
-        return None
+        return TOO_FEW
     taught = _taught(near, base)
     weights, fitted = regression.weights(near.across, near.heights, near.own, near.distance)
     belief = regression.believed(fitted, taught.reshape(len(near), -1), _stretches(near))
     if belief < DOUBTFUL:
-        return None
+        return UNLIKE
     weights *= belief
     return Answer(layout, near, weights, taught, step)
 

@@ -56,7 +56,8 @@ class Session:
     offsets: Array | None = None
     rotations: Array | None = None
     shifts: Array | None = None
-    sizes: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # what `neighbours` keeps for the next gap
+    # What `neighbours` keeps for the next gap.
+    sizes: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -143,7 +144,7 @@ def remember(motion: Motion, rig: Rig | None, name: str, sha256: str = "") -> Se
 def with_ends(rig: Rig, motion: Motion) -> Motion:
     """A rig's motion, with the ends of its bones as more joints.
 
-    A joint without a child or an end gets one as far beyond it as the joint is beyond its parent, so that its turn shows.
+    A joint without a child or an end gets one as far beyond it as it is beyond its parent, so that its turn shows.
     """
     places, turns = rig.kinematics
     bare = {joint for joint, below in enumerate(rig.skeleton.children) if not below} - {joint for joint, _ in rig.ends}

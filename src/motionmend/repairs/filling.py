@@ -19,7 +19,7 @@ from ..fills.kinds import rig_kinds
 from ..fills.points import FILLS, DonorFill, Fill, LearnedFill
 from ..gaps import Gaps, covered
 from ..memory.channels import recall_rig
-from ..memory.filling import Filled, Recall
+from ..memory.filling import Recall, taken_over
 from ..memory.sessions import Session
 from ..metrics.positional import bone_lengths
 from ..motion import Motion, Take
@@ -79,15 +79,20 @@ def _recalled(
     take: Take, donors: Sequence[str], legs: Sequence[feet.Leg], mapping: Mapping | None, teachers: Sequence[Session],
     without: frozenset[str],
 ) -> tuple[Take, Gaps]:  # fmt: skip
-    """The take filled by `auto`, and on top of it by memory wherever that has an answer."""
-    filled, gaps = fill(take, "auto", donors, legs, mapping)
+    """The take filled by memory wherever that has an answer, and the rest by `auto`."""
+    seen = np.where(take.motion.observed[..., None], take.motion.positions, np.nan)
+    mapping = mapping or map_rig(take.skeleton, seen)
     if take.rig is None:
-        motion, gaps = Recall(teachers, without, Filled(filled.motion, gaps)).fill(take.motion)
-        answered = gaps.pick(gaps.method == RECALL)  # the others have paid already
-        return take.with_motion(_bones_kept(take.motion, motion, answered)), gaps
-    assert filled.rig is not None
-    rig, gaps = recall_rig(take.rig, take.motion, filled.rig, gaps, teachers, without)
-    return take.with_rig(rig), gaps
+        otherwise = _completer("auto", donors, mapping, _networks("auto", mapping))
+        motion, gaps = Recall(teachers, without, otherwise).fill(take.motion)
+        return take.with_motion(_bones_kept(take.motion, motion, gaps)), gaps
+    rig, gaps = recall_rig(take.rig, take.motion, teachers, without)
+    recalled = take.with_rig(rig)
+    left = np.flatnonzero(gaps.method != RECALL)
+    if not len(left):
+        return recalled, gaps
+    filled, others = fill(recalled, "auto", donors, legs, mapping)
+    return filled, taken_over(gaps, others, left)
 
 
 def _networks(method: str, mapping: Mapping, seed: int = 0, variant: int = 1) -> dict[str, network_fill.NetworkFill]:
