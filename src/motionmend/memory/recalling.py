@@ -147,7 +147,7 @@ def _posed(motion: Motion, lost: Array, start: int, stop: int) -> tuple[Layout, 
     some = slice(first, int(times[inside][-1]) + 4)
     at, beyond = parts(np.clip(times[inside], 0, frames - 1) - first)
     positions[inside], seen[inside] = thinned(motion.positions[some], motion.observed[some], at, beyond)
-    gap = (times > start - 1 + 1e-3) & (times < stop - 1e-3)
+    gap = (clock < 0) & (clock >= -steps) if not start else (clock > 0) & (clock < steps + (stop == frames))
     whole = np.asarray(seen[:, lost].all(axis=1))
     before, after = known(whole[: np.argmax(gap)][::-1]), known(whole[len(gap) - np.argmax(gap[::-1]) :])
     if max(before, after) < 0 or whole[gap].any():
