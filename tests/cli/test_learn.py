@@ -51,7 +51,7 @@ def test_a_session_teaches_and_what_is_bad_in_it_is_named_and_skipped(session, c
 def test_a_saved_memory_says_what_it_holds_and_does_the_same(session, capsys):
     assert main(["learn", "s2.bvh", "s3.bvh", "-o", "session.memory"]) == 0
     said = capsys.readouterr().out
-    assert "2 takes, 0.2 min, 9 joints, channels: s2.bvh, s3.bvh" in said and "written: session.memory" in said
+    assert "2 takes, 12 s, 9 joints, channels: s2.bvh, s3.bvh" in said and "written: session.memory" in said
     for learn, output in ((["session.memory"], "one.bvh"), (["s3.bvh", "s2.bvh"], "other.bvh")):
         assert main(["repair", "s1.bvh", "-o", output, "--gap", "150:180", "--learn", *learn]) == 0
     assert (session / "one.bvh").read_bytes() == (session / "other.bvh").read_bytes()

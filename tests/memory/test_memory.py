@@ -38,7 +38,7 @@ def test_a_memory_comes_back_from_its_file_mapped(memory, tmp_path):
     while base.base is not None and not isinstance(base, np.memmap):
         base = base.base
     assert isinstance(base, np.memmap)
-    assert "2 takes, 0.1 min, 9 joints, channels: s1.bvh, s2.bvh" in str(again)
+    assert "2 takes, 6 s, 9 joints, channels: s1.bvh, s2.bvh" in str(again)
     with pytest.raises(mm.InputError, match="exists"):
         memory.save(path)
 

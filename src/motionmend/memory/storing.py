@@ -43,12 +43,13 @@ class Memory:
         """What it holds, a line a skeleton."""
         lines = []
         for session in self.sessions:
-            takes, minutes = len(session.takes), len(session) / RATE / 60
+            takes, seconds = len(session.takes), len(session) / RATE
+            length = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.1f} min"
             what = "joints" if session.skeleton.has_bones else "markers"
             count = len(session.skeleton) if session.offsets is None else len(session.offsets)
             kind = ", channels" if session.offsets is not None else ""
             lines.append(
-                f"  {takes} take{'s' * (takes > 1)}, {minutes:.1f} min, {count} {what}{kind}: "
+                f"  {takes} take{'s' * (takes > 1)}, {length}, {count} {what}{kind}: "
                 + ", ".join(take.name for take in session.takes[:4])
                 + (", …" if takes > 4 else "")
             )
