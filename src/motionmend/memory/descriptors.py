@@ -116,6 +116,13 @@ def terms(layout: Layout) -> list[Term]:
     return found + [Term((f,), (1.0,), path, PATH, True) for f in (*layout.ends, *layout.passing)]
 
 
+def packed(parts: list[Term]) -> tuple[Array, list[Term]]:
+    """The frames of a window that are compared at all, and the same terms over these."""
+    frames = sorted({frame for term in parts for frame in term.frames})
+    place = {frame: number for number, frame in enumerate(frames)}
+    return np.array(frames), [replace(term, frames=tuple(place[frame] for frame in term.frames)) for term in parts]
+
+
 def columns(positions: Array, layout: Layout) -> Array:
     """What is compared of each frame: `(…, points, 3)` -> `(…, columns, 3)`.
 

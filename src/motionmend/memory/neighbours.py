@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .descriptors import Layout, Term, columns, descriptors, terms
+from .descriptors import Layout, Term, columns, descriptors, packed, terms
 from .sessions import SEEN, UNKNOWN, Session
 
 Array = np.ndarray
@@ -247,9 +247,10 @@ def _norms(parts: list[Term], sizes: dict[Kind, Array], count: int) -> Array:
 def _exact(near: Neighbours, parts: list[Term]) -> Neighbours:
     """The same in double precision, turned, the nearest NEAREST of them in order."""
     own, heights = near.own
+    frames, parts = packed(parts)
     across, level, turn = near.across, near.heights, near.turn
     for rows, session, layout, mirrored in near.groups():
-        windows = gathered(session, "positions", near.start[rows], layout.length)
+        windows = session.positions[near.start[rows, None] + frames]
         flat, level[rows] = descriptors(columns(windows, layout), parts)
         flat = flat.conj() if mirrored else flat
         inner = flat @ own.conj()

@@ -18,10 +18,10 @@ Array = np.ndarray
 APART = 5  # frames at RATE between the beginnings of windows, from which on they are told apart
 DOUBTFUL = 0.05  # an answer believed less is none
 LEAST = 16  # windows, of which fewer say nothing
-LONGEST_END = 2.0  # seconds of a gap at a take's end
+LONGEST, LONGEST_END = 8.0, 2.0  # seconds of a gap, and of one at a take's end
 SHORTEST = 3  # frames at RATE from seam to seam
 TOO_SHORT = "too short, or too little seen beside it, to be recalled"
-TOO_LONG = "too long for what is known on one side alone"
+TOO_LONG = "too long to be recalled"
 TOO_FEW = "memory has too few stretches like it"
 UNLIKE = "the stretches like it do not agree on how it goes"
 
@@ -89,7 +89,8 @@ def ask(
 
     without : hashes of takes that are not to teach. base : what is taught is the difference to it.
     """
-    if (start == 0 or stop == len(motion)) and stop - start > LONGEST_END * motion.fps:
+    longest = LONGEST if start and stop < len(motion) else LONGEST_END
+    if stop - start > longest * motion.fps:
         return TOO_LONG
     posed = _posed(motion, lost, start, stop)
     if posed is None:
