@@ -20,7 +20,7 @@ Array = np.ndarray
 NEAREST = 256
 BLOCK = 1 << 15  # frames at a time, which stay in the processor's cache
 SIZES_KEPT = 8
-ALIKE = 0.5  # of what is seen in the gap, the share that a session must have
+ALIKE = 0.75  # of what is seen in the gap, the share that a session must have
 
 
 @dataclass(frozen=True, eq=False)
