@@ -15,7 +15,7 @@ from motionmend.fills.points import FILLS
 from motionmend.memory import neighbours, recalling, regression
 from motionmend.memory.channels import mirrored_channels, recall_rig
 from motionmend.memory.descriptors import Layout, columns, terms
-from motionmend.memory.filling import Recall
+from motionmend.memory.filling import Recall, told
 from motionmend.memory.sessions import joined, remember
 from motionmend.motion import Motion
 from strollers import as_point_take, as_points, as_rig_take, stroll
@@ -270,6 +270,20 @@ def test_backwards_in_time_and_joints_in_another_order():
         its = [int(np.flatnonzero(order == joint)[0]) for joint in lost]
         mixed = Recall([remember(m, None, "") for m in others]).complete(hidden(shuffled, its, 300, 340)).positions
         np.testing.assert_allclose(mixed, one[:, order], atol=2e-4)
+
+
+def test_the_report_names_the_takes_that_counted():
+    class Answer(recalling.Answer):
+        def __init__(self, *shares):
+            object.__setattr__(self, "shares", shares)
+
+        def sources(self):
+            return [(f"t{number}", share) for number, share in enumerate(self.shares)]
+
+    assert told(Answer(1.0)) == "as in t0 (100%)"
+    assert told(Answer(0.5, 0.3, 0.1, 0.06, 0.037, 0.003)) == "as in t0 (50%), t1 (30%), t2 (10%) and 2 more"
+    assert told(Answer(*[0.001] * 1000)) == "as in t0"
+    assert told(recalling.TOO_FEW) == recalling.TOO_FEW
 
 
 def test_no_pop_at_the_seams():

@@ -89,7 +89,8 @@ def told(answer: recalling.Answer | str) -> str:
     """For the report: from which takes a gap was filled, or why from none."""
     if isinstance(answer, str):
         return answer
-    sources = [(name, share) for name, share in answer.sources() if share >= UNTOLD]
+    first, *others = answer.sources()
+    sources = [first, *(each for each in others if each[1] >= UNTOLD)]
     named = [f"{name} ({share:.0%})" for name, share in sources[:MOST_NAMED] if share >= TOLD]
     more = len(sources) - len(named)
-    return "as in " + ", ".join(named or [sources[0][0]]) + (f" and {more} more" if more else "")
+    return "as in " + ", ".join(named or [first[0]]) + (f" and {more} more" if more else "")
