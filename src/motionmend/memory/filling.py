@@ -91,6 +91,6 @@ def told(answer: recalling.Answer | str) -> str:
         return answer
     first, *others = answer.sources()
     sources = [first, *(each for each in others if each[1] >= UNTOLD)]
-    named = [f"{name} ({share:.0%})" for name, share in sources[:MOST_NAMED] if share >= TOLD]
+    named = [f"{name} ({share:.0%})" for name, share in sources[:MOST_NAMED] if share >= TOLD] or [first[0]]
     more = len(sources) - len(named)
-    return "as in " + ", ".join(named or [first[0]]) + (f" and {more} more" if more else "")
+    return "as in " + ", ".join(named) + (f" and {more} more" if more else "")
