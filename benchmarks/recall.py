@@ -80,7 +80,8 @@ def main() -> None:
 
     minutes = sum(clip.frames for clip in clips) / corpus.fps / 60
     data = f"{corpus.name}, {asked.split or 'all takes'}: {len(clips)} takes of {len(people)} people, {minutes:.1f} min"
-    print(f"{data}, seed {asked.seed}, {shared.here()}")
+    some = f", gaps in every {asked.every}th" if asked.every > 1 else ""
+    print(f"{data}{some}, seed {asked.seed}, {shared.here()}")
     for part in asked.parts:
         table(part, corpus, clips[:: asked.every], fills, asked.seed)
 
