@@ -64,7 +64,10 @@ def taken_over(gaps: Gaps, others: Gaps, rows: Array) -> Gaps:
     """The gaps, of which other fills have written those in `rows`."""
     method = gaps.method.copy()
     method[rows] = others.method
-    return replace(gaps, method=method, donors={int(rows[row]): donors for row, donors in others.donors.items()})
+    donors, expected = (
+        {int(rows[row]): said for row, said in each.items()} for each in (others.donors, others.expected)
+    )
+    return replace(gaps, method=method, donors=donors, expected=expected)
 
 
 def own_window(layout: Layout, observed: Array, start: int, stop: int, fps: float) -> tuple[Layout, slice]:
