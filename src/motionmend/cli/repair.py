@@ -145,8 +145,8 @@ class Repair(Reading):
         return repair(
             take, gaps=self.gap, lost=self.lost, find=self.find or None, method=self.method, donors=self.donors,
             max_gap=self.max_gap, keep_longer=self.keep_longer, denoise=self.denoise, cutoff=self.cutoff,
-            plant_feet=self.plant_feet, join=self.join, seed=self.seed, variant=number, learn=memory or (), map=self.map,
-            stage=stage if self.samples == 1 else lambda what: stage(f"variant {number}, {what}"),
+            plant_feet=self.plant_feet, join=self.join, seed=self.seed, variant=number, learn=memory or (),
+            map=self.map, stage=stage if self.samples == 1 else lambda what: stage(f"variant {number}, {what}"),
         )  # fmt: skip
 
     def _targets(self, path: Path, folder: bool) -> tuple[list[Path], Path]:
