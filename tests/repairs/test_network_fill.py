@@ -16,7 +16,7 @@ from motionmend.fills.points import FILLS
 from motionmend.gaps import Gaps
 from motionmend.motion import Take, Units
 from motionmend.networks.checkpoints import Description
-from motionmend.networks.gap_space import ERRORS, OUTPUTS
+from motionmend.networks.gap_space import ERRORS, OUTPUTS, STRANGERS
 from motionmend.networks.loading import completer
 from motionmend.repairs import chooser, filling, network_fill
 from motionmend.repairs.chooser import NETWORK_WINS, Chooser, network_for, network_rows
@@ -75,7 +75,7 @@ def expecting(metres: float, lift=(0, 0, 0)):
         out = np.zeros((*inputs["envelope"].shape[:2], OUTPUTS), np.float32)
         missing = inputs["envelope"] > 0
         out[..., : 3 * len(BODY)] = np.repeat(missing, 3, axis=-1) * np.tile(np.float32(lift), len(BODY))
-        out[..., ERRORS] = np.log(metres)
+        out[..., ERRORS] = np.log(metres / STRANGERS)
         return out
 
     return network_fill.NetworkFill(completer(description, run))
