@@ -242,6 +242,16 @@ def test_what_is_distrusted_in_other_takes_does_not_teach():
     assert np.array_equal(sane.positions, spoilt.positions)
 
 
+@pytest.mark.parametrize("as_rig", [False, True])
+def test_an_earlier_repair_of_the_same_take_does_not_teach(as_rig):
+    """It holds what was once guessed in the very gap."""
+    take = as_rig_take(stroll(1, fps=60.0)) if as_rig else as_point_take(as_points(stroll(1, fps=60.0)))
+    guessed = mm.repair(take, gaps=[(200, 230)], method="linear")
+    alone = mm.repair(take, gaps=[(200, 230)], method="recall")
+    taught = mm.repair(take, gaps=[(200, 230)], learn=[guessed])
+    assert np.array_equal(alone.motion.positions, taught.motion.positions)
+
+
 def test_turned_and_moved_in_the_world_is_the_same_there():
     truth, others = as_points(stroll(0)), remembered(1, 2)
     about, away = Rotation.from_rotvec([0, 1.3, 0]), np.array([20.0, 0, -7.0])

@@ -18,7 +18,7 @@ from . import bases, recalling
 from .filling import ITSELF, own_window, together, told
 from .neighbours import ALIKE, gathered
 from .recalling import Answer
-from .sessions import RATE, Session, mirror_axis, remember, with_ends
+from .sessions import RATE, Session, mirror_axis, remember, versions, with_ends
 
 Array = np.ndarray
 
@@ -37,7 +37,9 @@ def recall_rig(
     rotations, shifts, trusted = rig.rotations.copy(), rig.translations.copy(), rig.trusted.copy()
     method, reasons = gaps.method.copy(), {}
     points = with_ends(rig, motion)
-    able = [session for session in (remember(motion, rig, ITSELF), *sessions) if _alike(session, rig)]
+    itself = remember(motion, rig, ITSELF)
+    without |= versions(itself, sessions)
+    able = [session for session in (itself, *sessions) if _alike(session, rig)]
     moves = rig.moves | (np.array(rig.skeleton.parents) < 0)
     for rows, start, stop in together(gaps):
         lost = np.sort(gaps.joint[rows])

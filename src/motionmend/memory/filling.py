@@ -13,7 +13,7 @@ from ..gaps import Gaps
 from ..motion import Motion
 from . import bases, recalling
 from .descriptors import Layout
-from .sessions import Session, remember
+from .sessions import Session, remember, versions
 
 Array = np.ndarray
 
@@ -39,10 +39,11 @@ class Recall(Fill):
     def fill_gaps(self, out: Array, motion: Motion, gaps: Gaps) -> Gaps:
         """See `Fill.fill_gaps`."""
         method, reasons, observed = gaps.method.copy(), {}, motion.observed.copy()
-        sessions = (remember(motion, None, ITSELF), *self.sessions)
+        itself = remember(motion, None, ITSELF)
+        sessions, without = (itself, *self.sessions), self.without | versions(itself, self.sessions)
         for rows, start, stop in together(gaps):
             lost = gaps.joint[rows]
-            answer = recalling.ask(motion, lost, start, stop, sessions, self.without, self.base)
+            answer = recalling.ask(motion, lost, start, stop, sessions, without, self.base)
             if isinstance(answer, recalling.Answer):
                 out[start:stop, lost] = self._answered(motion, answer, start, stop)
                 observed[start:stop, lost], method[rows] = True, "recall"

@@ -26,6 +26,7 @@ RATE_SHARE = 0.01  # a rate that is a whole multiple but for this share is thinn
 BRIDGED_SECONDS = 0.2  # holes up to this long are bridged to be compared, and never teach
 UNKNOWN, BRIDGED, SEEN = range(3)
 UNEVEN, UNEVEN_METRES = 0.1, 0.01  # of a bone's length, and metres, by which a rig's sides may differ
+SAME_METRES, SAME_SHARE = 1e-3, 0.5  # of samples that are at the same places in two versions of one take
 END = " (end)"  # of the name of a bone's end site
 
 
@@ -122,6 +123,27 @@ def content(take: Take) -> str:
     said = hashlib.sha256(repr((take.skeleton.names, take.fps)).encode())
     said.update(np.ascontiguousarray(take.motion.positions).data)
     return said.hexdigest()
+
+
+def versions(take: Session, sessions: Iterable[Session]) -> frozenset[str]:
+    """Hashes of the takes that are this one but for what a repair or an edit has changed in it.
+
+    What fills once guessed would teach them to guess so again. The same take has most of its samples in the same frames
+    at the same places, but for the shift to its middle.
+    """
+    found = set()
+    for session in sessions:
+        if session.skeleton.names != take.skeleton.names:
+            continue
+        for other in session.takes:
+            there = slice(other.start, other.stop)
+            if other.stop - other.start != len(take):
+                continue
+            both = (take.trust == SEEN) & (session.trust[there] == SEEN)
+            apart = session.positions[there][both] - take.positions[both]
+            if len(apart) and np.mean(np.abs(apart - np.median(apart, axis=0)).max(axis=1) < SAME_METRES) > SAME_SHARE:
+                found.add(other.sha256)
+    return frozenset(found)
 
 
 def remember(motion: Motion, rig: Rig | None, name: str, sha256: str = "") -> Session:
