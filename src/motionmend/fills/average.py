@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion import Motion
 from .donors import Chart
-from .lessons import Lesson, lesson
+from .lessons import Lesson
 from .regression import DONORS, regressed
 
 Array = np.ndarray
@@ -27,22 +26,11 @@ SURE_SHARE = 1e-3  # of a distance: no density is narrower
 TINY = 1e-12  # metres, for a donor at the marker's own place
 
 
-def average_chart(
-    motion: Motion,
-    joint: int,
-    start: int,
-    stop: int,
-    frames: Array,
-    candidates: Array,
-    teaching: Array | None = None,
-) -> Chart | None:
-    """Coordinates about the models' average. See `lessons.lesson` for the parameters."""
-    one = lesson(motion, joint, start, stop, frames, candidates, MANY, teaching)
-    if one is None:
-        return None
+def average_chart(one: Lesson) -> Chart | None:
+    """Coordinates about the models' average."""
     models = [regressed(one.only(range(donors))) for donors in (FEW, DONORS, MANY)]
     models.append(regressed(one.only(range(LINEAR)), bell=0.0, penalty=PENALTY))
-    paths = [model.path(start, stop, motion.fps, "ramp") for model in models if model is not None]
+    paths = [model.path(one.start, one.stop, one.fps, "ramp") for model in models if model is not None]
     if not paths:
         return None
     answers = np.stack(paths)

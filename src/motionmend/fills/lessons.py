@@ -28,6 +28,7 @@ FLAT_SHARE = 0.05  # donors whose breadth is less than this share of their lengt
 class Lesson:
     """One marker, its gap, and its donors, which are seen throughout the gap.
 
+    start, stop, fps : of the gap `[start, stop)`, and of its take.
     donors `(donors,)` : those that keep their distance to the marker best come first.
     known `(frames, donors, 3)`, own `(frames, 3)` : donors and marker in the frames that teach, float64.
     near `(samples,)` : frames beside the gap in which marker and donors are seen; beside `(samples, 3)` : it, there.
@@ -35,6 +36,9 @@ class Lesson:
     apart, loose `(donors,)` : the mean distance to the marker, and how badly it is kept.
     """
 
+    start: int
+    stop: int
+    fps: float
     donors: tuple[int, ...]
     known: Array
     own: Array
@@ -114,8 +118,9 @@ def lesson(
     asked = np.where(motion.observed[asked][:, donors, None], motion.positions[asked][:, donors], 0).astype(np.float64)
     beside = motion.positions[near, joint].astype(np.float64)
     return Lesson(
-        tuple(donors.tolist()), known[rows][:, chosen], own[rows], near, beside, asked, apart[chosen], loose[chosen]
-    )
+        start, stop, motion.fps, tuple(donors.tolist()), known[rows][:, chosen], own[rows], near, beside, asked,
+        apart[chosen], loose[chosen],
+    )  # fmt: skip
 
 
 def _thinned(away: Array) -> Array:

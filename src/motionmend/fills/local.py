@@ -9,28 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion import Motion
 from .donors import Chart
-from .lessons import LEAST, lesson, view
+from .lessons import LEAST, Lesson, view
 
 Array = np.ndarray
 
 TRIED = 8  # of the steadiest, if the first three lie on a line
 
 
-def local_chart(
-    motion: Motion,
-    joint: int,
-    start: int,
-    stop: int,
-    frames: Array,
-    candidates: Array,
-    teaching: Array | None = None,
-) -> Chart | None:
-    """The frame of the three steadiest donors that do not lie on one line. See `lessons.lesson` for the parameters."""
-    one = lesson(motion, joint, start, stop, frames, candidates, TRIED, teaching)
-    if one is None:
-        return None
+def local_chart(one: Lesson) -> Chart | None:
+    """The frame of the three steadiest donors that do not lie on one line."""
     for third in range(LEAST - 1, len(one.donors)):
         three = one.only([0, 1, third])
         seen = view(three)

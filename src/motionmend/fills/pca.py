@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion import Motion
 from .donors import Chart
-from .lessons import lesson
+from .lessons import Lesson
 
 Array = np.ndarray
 
@@ -28,19 +27,8 @@ CARRIED = 0.99  # of the sum of singular values
 STILL_SHARE = 1e-3  # of its distance: a donor that moves less than this against the middle is not scaled up
 
 
-def pca_chart(
-    motion: Motion,
-    joint: int,
-    start: int,
-    stop: int,
-    frames: Array,
-    candidates: Array,
-    teaching: Array | None = None,
-) -> Chart | None:
-    """Coordinates about what the components say. See `lessons.lesson` for the parameters."""
-    one = lesson(motion, joint, start, stop, frames, candidates, DONORS, teaching)
-    if one is None:
-        return None
+def pca_chart(one: Lesson) -> Chart:
+    """Coordinates about what the components say."""
     middle = one.asked.mean(axis=1)
     known = np.concatenate([one.known, one.own[:, None]], axis=1) - one.known.mean(axis=1, keepdims=True)
     mean = known.mean(axis=0)

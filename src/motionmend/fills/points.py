@@ -17,13 +17,10 @@ import numpy as np
 
 from ..gaps import Gaps, covered, groups
 from ..motion import Motion
-from .average import average_chart
+from . import average, local, pca, regression
 from .curves import CURVES
 from .donors import Chart, bone_chart, near, pattern_chart, rigid_chart
-from .lessons import LEAST
-from .local import local_chart
-from .pca import pca_chart
-from .regression import regression_chart
+from .lessons import LEAST, lesson
 
 Array = np.ndarray
 
@@ -147,18 +144,21 @@ class LearnedFill(DonorFill):
     Where too few are seen all through a gap, each stretch of it gets those that are seen there. Frames that are left,
     and those about a stretch's end, are crossed by `eased`; `Gaps.reasons` counts them.
 
-    chart : of `local`, `regression`, `pca` or `average`.
+    chart : makes one of a `lessons.Lesson`: that of `local`, `regression`, `pca` or `average`.
+    most : donors of a lesson.
     teaching : `(frames, joints, 3)`, other takes' frames of the same joints in the same order, metres, NaN where
         unseen; they teach beside the take's own.
     """
 
     curve: str = "ramp"
     edge_seconds: float = DAY
+    most: int = regression.DONORS
     teaching: Array | None = None
 
     def look(self, *gap) -> Chart | None:
         """See `DonorFill.look`."""
-        return self.chart(*gap, teaching=self.teaching)
+        one = lesson(*gap, most=self.most, teaching=self.teaching)
+        return None if one is None else self.chart(one)
 
     def within_reach(self, motion: Motion, gaps: Gaps) -> Array:
         """See `DonorFill.within_reach`: not what is lost for long and was hardly ever seen."""
@@ -232,8 +232,8 @@ FILLS: dict[str, Fill] = {
     "pattern": DonorFill("pattern", pattern_chart),
     "bones": DonorFill("bones", bone_chart),
     "rigid": DonorFill("rigid", rigid_chart, curve="linear", edge_seconds=DAY),
-    "local": LearnedFill("local", local_chart, curve="linear"),
-    "regression": LearnedFill("regression", regression_chart),
-    "pca": LearnedFill("pca", pca_chart),
-    "average": LearnedFill("average", average_chart),
+    "local": LearnedFill("local", local.local_chart, curve="linear", most=local.TRIED),
+    "regression": LearnedFill("regression", regression.regressed),
+    "pca": LearnedFill("pca", pca.pca_chart, most=pca.DONORS),
+    "average": LearnedFill("average", average.average_chart, most=average.MANY),
 }

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion import Motion
 from .donors import Chart
-from .lessons import Lesson, lesson, view
+from .lessons import Lesson, view
 
 Array = np.ndarray
 
@@ -21,22 +20,11 @@ PENALTY = 1e-3  # variance of what no donor explains, where the kernel's is 1 or
 STILL_SHARE = 1e-4  # of the donors' breadth: what moves less than this as seen from the body is noise
 
 
-def regression_chart(
-    motion: Motion,
-    joint: int,
-    start: int,
-    stop: int,
-    frames: Array,
-    candidates: Array,
-    teaching: Array | None = None,
-) -> Chart | None:
-    """Coordinates about what the regression says. See `lessons.lesson` for the parameters."""
-    one = lesson(motion, joint, start, stop, frames, candidates, DONORS, teaching)
-    return None if one is None else regressed(one)
-
-
 def regressed(one: Lesson, bell: float = 1.0, penalty: float = PENALTY) -> Chart | None:
-    """The same for a lesson; `bell` is its height, 0 for a linear ridge regression. None if `lessons.view` is."""
+    """Coordinates about what the regression says; None if `lessons.view` is.
+
+    bell : its height; 0 for a linear ridge regression.
+    """
     seen = view(one)
     if seen is None:
         return None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.joints import BODY, JOINT, LEFT_RIGHT
+from ..body.joints import BODY, JOINT
 
 Array = np.ndarray
 
@@ -93,16 +93,3 @@ def draw(observed: Array, rng: np.random.Generator, shares: Shares) -> tuple[Arr
     beyond = (clock < (begin - before)[:, None]) | (clock >= (end + after)[:, None])
     beyond &= (lonely | one_sided)[:, None]
     return asked & observed, asked | beyond[:, :, None]
-
-
-_OTHER = np.arange(len(BODY))
-for _left, _right in LEFT_RIGHT:
-    _OTHER[_left], _OTHER[_right] = _right, _left
-
-
-def mirror(positions: Array, observed: Array, which: Array) -> tuple[Array, Array]:
-    """Copies in which left and right are exchanged in the windows of `which (B,)` bool."""
-    positions, observed = positions.copy(), observed.copy()
-    positions[which] = positions[which][:, :, _OTHER] * np.array([-1, 1, 1], np.float32)
-    observed[which] = observed[which][:, :, _OTHER]
-    return positions, observed

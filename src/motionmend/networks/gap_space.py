@@ -65,9 +65,9 @@ def normalised(curve: Array) -> tuple[Array, tuple[Array, Array, Array]]:
 
 
 def about_y(vectors: Array, cosine: Array, sine: Array) -> Array:
-    """Vectors `(B, T, J, 3)`, each window turned about the vertical, right-handed, by its angle `(B,)`."""
-    cosine, sine = cosine[:, None, None], sine[:, None, None]
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    """Vectors `(B, …, 3)`, each window turned about the vertical, right-handed, by its angle `(B,)`."""
+    cosine, sine = (each.reshape(-1, *[1] * (vectors.ndim - 2)) for each in (cosine, sine))
+    x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([x * cosine + z * sine, y, z * cosine - x * sine], axis=-1)
 
 

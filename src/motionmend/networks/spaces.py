@@ -15,7 +15,7 @@ from ..body.joints import BODY, JOINT, LEFT_RIGHT
 from ..body.standing import STANDING, UPRIGHT
 from ..fills.curves import along_bones
 from . import rows
-from .gap_space import BesideCurves
+from .gap_space import BesideCurves, about_y
 
 Array = np.ndarray
 
@@ -284,10 +284,7 @@ def turned(positions: Array, angles: Array) -> Array:
 
     Right-handed about +Y: a quarter turn takes +Z to +X.
     """
-    angles = angles.reshape(-1, *[1] * (positions.ndim - 2))
-    sine, cosine = np.sin(angles).astype(positions.dtype), np.cos(angles).astype(positions.dtype)
-    x, y, z = np.moveaxis(positions, -1, 0)
-    return np.stack([x * cosine + z * sine, y, z * cosine - x * sine], axis=-1)
+    return about_y(positions, np.cos(angles).astype(positions.dtype), np.sin(angles).astype(positions.dtype))
 
 
 def leftward(positions: Array, observed: Array) -> Array:

@@ -170,13 +170,11 @@ class NetworkFill(Fill):
         improved = (filled.motion.observed & ~seen)[..., None] & np.isfinite(change)
         targets = np.where(improved, filled.motion.positions + change, own)
         there = np.asarray(np.isfinite(targets).all(axis=-1))
-        decides = there & (np.array(before.skeleton.parents) < 0)  # a root places itself, others what hangs on them
+        roots = np.array(before.skeleton.parents) < 0  # they place themselves, others what hangs on them
+        decides, expected = there & roots, np.where(roots, answer.expected, np.nan)
         for joint, parent in enumerate(before.skeleton.parents):
             if parent >= 0:
                 decides[:, parent] |= there[:, joint]
-        expected = np.where(np.array(before.skeleton.parents) < 0, answer.expected, np.nan)
-        for joint, parent in enumerate(before.skeleton.parents):
-            if parent >= 0:
                 expected[:, parent] = np.fmax(expected[:, parent], answer.expected[:, joint])
         where = decides & wanted & ~before.rig.trusted
         if not where.any():

@@ -14,8 +14,9 @@ from motionmend.fills.curves import CARRY_SECONDS
 from motionmend.fills.points import FILLS
 from motionmend.motion import Motion, runs
 from motionmend.networks.gap_curves import MOST, eased
-from motionmend.networks.gap_draws import CONTEXT, Shares, draw, mirror
+from motionmend.networks.gap_draws import CONTEXT, Shares, draw
 from motionmend.networks.gap_space import OUTPUTS, BesideCurves
+from motionmend.networks.spaces import mirrored
 from motionmend.networks.windows import cut
 from walks import walk
 
@@ -139,10 +140,10 @@ def test_feet_stand_where_they_do_not_move():
 def test_mirrored_twice_is_as_it_was():
     positions, observed = windows()
     which = np.array([True, False, True, False])
-    once = mirror(positions, observed, which)
+    once = mirrored(positions, observed, which)
     assert np.array_equal(once[0][1], positions[1])
     assert np.array_equal(once[0][0, :, JOINT["left_hand"], 0], -positions[0, :, JOINT["right_hand"], 0])
-    assert np.array_equal(mirror(*once, which)[0], positions)
+    assert np.array_equal(mirrored(*once, which)[0], positions)
 
 
 # With torch

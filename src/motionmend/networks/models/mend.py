@@ -21,8 +21,9 @@ from torch import Tensor, nn
 from ...body.joints import BODY
 from ...constraints.contacts import standing
 from ...errors import InputError
-from ..gap_draws import Shares, draw, mirror
+from ..gap_draws import Shares, draw
 from ..gap_space import ERRORS, FEET, INPUTS, OUTPUTS, BesideCurves, about_y, normalised
+from ..spaces import mirrored
 from .network import Network
 
 Array = np.ndarray
@@ -128,7 +129,7 @@ class Mend(Network):
         c = self.config
         truth = np.where(observed[..., None], positions, np.float32(0))
         if c.mirror:
-            truth, observed = mirror(truth, observed, rng.random(len(truth)) < 0.5)
+            truth, observed = mirrored(truth, observed, rng.random(len(truth)) < 0.5)
         shares = Shares(limbs=c.limbs, joints=c.joints, ends=c.ends, longest=c.longest)
         asked, hidden = draw(observed, rng, shares)
         inputs, (curve, *_) = BesideCurves().encode(truth, observed & ~hidden)
